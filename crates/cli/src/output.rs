@@ -58,7 +58,7 @@ impl Kind {
     }
 }
 
-/// Kind of a picture file by its ending.
+/// Kind of a picture file by its ending. Fails on one that is not known; a pipe or device without an ending gets a JPEG.
 pub fn kind(path: &Path) -> anyhow::Result<Kind> {
     let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
     match ending.as_deref() {

@@ -91,7 +91,7 @@ fn paint(figure: &Figure) -> anyhow::Result<Vec<u8>> {
 pub struct Page(Pixmap);
 
 impl Page {
-    /// A page of a size in pixels.
+    /// A page of a size in pixels. Fails on one without pixels.
     pub fn new(width: usize, height: usize) -> anyhow::Result<Page> {
         let mut map = Pixmap::new(width as u32, height as u32).context("a page without size")?;
         map.fill(tiny_skia::Color::from_rgba8(28, 28, 28, 255));
@@ -113,7 +113,7 @@ impl Page {
         }
     }
 
-    /// Writes light letters from a place on the baseline.
+    /// Writes light letters, `size` px high, from a place on the baseline, px.
     pub fn text(&mut self, x: f32, y: f32, text: &str, size: f32) -> anyhow::Result<()> {
         let font = FontRef::try_from_slice(dejavu::sans::regular()).context("the embedded font")?;
         if let Some(path) = letters(&font, text, size).0 {
@@ -129,7 +129,7 @@ impl Page {
         self.text(x, y, text, if wide > width { size * width / wide } else { size })
     }
 
-    /// Writes lines of fixed width, the first from (x, y), `size` px high and `line` px apart.
+    /// Writes lines of fixed width, the first on the baseline at (x, y), `size` px high and `line` px apart.
     pub fn lines(&mut self, x: f32, y: f32, text: &str, size: f32, line: f32) -> anyhow::Result<()> {
         let font = FontRef::try_from_slice(dejavu::sans_mono::regular()).context("the embedded font")?;
         for (i, text) in text.lines().enumerate() {
@@ -156,7 +156,7 @@ impl Page {
     }
 }
 
-/// A picture of ours (PNG, sRGB codes), as it was painted.
+/// A picture of ours (PNG, sRGB codes), as it was painted. Fails on what is no PNG that can be read.
 pub fn read_png(bytes: &[u8]) -> anyhow::Result<Picture> {
     Ok(Page(Pixmap::decode_png(bytes).context("a picture that was just written")?).to_picture())
 }

@@ -52,7 +52,7 @@ pub fn check_depth(path: &Path) -> anyhow::Result<()> {
     }
 }
 
-/// Writes depth: an EXR with `Z` (m) and `confidence`, or a PNG of nearness.
+/// Writes depth: an EXR with `Z` (m) and `confidence`, or a PNG of nearness. Fails on other names, on what is no light field, and where the file cannot be written.
 pub fn write_depth(raw: &RawImage, recipe: &Recipe, path: &Path) -> anyhow::Result<PathBuf> {
     check_depth(path)?;
     let output = Output::prepare(path)?;

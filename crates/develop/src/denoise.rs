@@ -85,7 +85,7 @@ pub fn rows_at_once(width: usize, bands: usize, more: usize) -> usize {
     rows_within(STRIP_MEMORY.saturating_sub(around), width, a_pixel)
 }
 
-/// Log of the largest finite depth (m) of an exposure that is read strip by strip; `None` if nothing is hit.
+/// Log of the largest finite depth (m) of an exposure that is read strip by strip; `None` if nothing is hit. The logarithm is natural. Fails where the source does.
 pub fn farthest_log_depth(source: &mut impl FocalPlaneSource) -> Result<Option<f32>, ImageError> {
     let ([_, height], rows) = (source.size(), source.rows_at_once());
     let mut farthest: Option<f32> = None;
@@ -122,7 +122,7 @@ impl<S: FocalPlaneSource> Denoised<S> {
         Self::by_rows(source, farthest, at_once)
     }
 
-    /// With what facts call the filter.
+    /// Sets the name of the filter that the facts give ([`ExposureFacts::denoiser`]).
     pub fn named(mut self, name: &str) -> Self {
         self.facts.denoiser = name.into();
         self
@@ -321,7 +321,7 @@ fn log_depth(depth: f32) -> f32 {
     if depth.is_finite() { depth.max(1e-6).ln() } else { f32::NAN }
 }
 
-/// Log of the largest finite depth, m; `None` if there is none.
+/// Log of the largest finite depth, m; `None` if there is none. The logarithm is natural.
 pub fn farthest_log_depth_of(depth: &[f32]) -> Option<f32> {
     depth.iter().map(|d| log_depth(*d)).filter(|d| d.is_finite()).reduce(f32::max)
 }

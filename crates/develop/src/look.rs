@@ -60,13 +60,13 @@ impl Look {
         }
     }
 
-    /// Light of the display.
+    /// Light of the display, linear Rec.709 (1 = white), for light of the scene, linear Rec.709 (0.18 = middle grey).
     #[inline]
     pub fn apply(&self, scene: Vec3) -> Vec3 {
         self.apply_until(scene, Until::Lut)
     }
 
-    /// Light of the display after some of the steps.
+    /// Light of the display after some of the steps. Both as for [`Look::apply`].
     pub fn apply_until(&self, scene: Vec3, until: Until) -> Vec3 {
         let shown = self.tone.apply(scene);
         if self.grading.is_none() && self.lut.is_none() || until == Until::Tone {

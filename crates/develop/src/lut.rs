@@ -86,7 +86,7 @@ pub struct Lut {
 }
 
 impl Lut {
-    /// A 3D table of a function of codes from 0 to 1.
+    /// A 3D table of a function of codes from 0 to 1, `size` points a side, 2 or more.
     pub fn from_function(title: &str, size: usize, f: impl Fn(Vec3) -> Vec3) -> Lut {
         let scale = 1.0 / (size - 1) as f32;
         let mut points = Vec::with_capacity(size * size * size);

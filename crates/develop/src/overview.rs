@@ -82,7 +82,7 @@ impl Overview {
         }
     }
 
-    /// Pixels of the mosaic.
+    /// Numbers a row of the mosaic (pixels × samples), and rows.
     pub fn size(&self) -> [usize; 2] {
         self.pixels
     }
@@ -92,7 +92,8 @@ impl Overview {
         self.signal.chunks(self.channels).zip(&self.saturated).map(|(signal, s)| Cell { signal, saturated: *s })
     }
 
-    /// Mean of the cells in a part of the picture: left, top, width, height as fractions. At least one cell.
+    /// Mean of the cells in a part of the picture: left, top, width, height as fractions. At least one cell. Of each channel, as
+    /// fractions of saturation; saturated cells are left out, and all is 0 where no other is there.
     pub fn mean(&self, [left, top, width, height]: [f64; 4]) -> Vec<f64> {
         // The cells that lie inside; at least the one in the middle.
         let range = |from: f64, length: f64, n: usize, axis: usize| {

@@ -114,7 +114,8 @@ impl Recipe {
         toml::to_string(self).unwrap_or_else(|e| unreachable!("a recipe is plain data: {e}"))
     }
 
-    /// With one setting changed: a name such as `tone.curve` and its value as text.
+    /// With one setting changed: a name such as `tone.curve` and its value as text. Fails on an unknown name, with the nearest
+    /// one, on a value that the setting cannot have, and as [`Recipe::check`].
     pub fn with(&self, name: &str, value: &str) -> Result<Recipe, RecipeError> {
         let Some(setting) = SETTINGS.iter().find(|s| s.name == name) else {
             let known = SETTINGS.iter().map(|s| s.name);
@@ -179,7 +180,8 @@ impl Recipe {
         Recipe { tone, output, grade: Grade::default(), lut: LutStep::default(), sharpen: Sharpen::default(), ..self.clone() }
     }
 
-    /// Whether all numbers are in their ranges.
+    /// Fails on a setting that is out of its range, on a white balance of no known name, and on a focus or view of a light field
+    /// that cannot be.
     pub fn check(&self) -> Result<(), RecipeError> {
         crate::steps::white_balance::check(&self.white)?;
         crate::light_field::check(&self.light_field)?;

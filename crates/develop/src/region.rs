@@ -51,7 +51,7 @@ pub struct Planes {
 }
 
 impl Planes {
-    /// The part inside a smaller region.
+    /// The part inside a smaller region, which must lie inside this one: that is not checked.
     pub fn cut(self, to: Region) -> Planes {
         if to == self.region {
             return self;
@@ -61,7 +61,7 @@ impl Planes {
     }
 }
 
-/// The part of a plane inside a smaller region.
+/// The part of a plane inside a smaller region; `to` must lie inside `from`: that is not checked.
 pub fn cut(plane: &[f32], from: Region, to: Region) -> Vec<f32> {
     let (x, y) = ((to.left - from.left) as usize, (to.top - from.top) as usize);
     let mut part = Vec::with_capacity(to.area());

@@ -32,7 +32,7 @@ pub struct Film {
 }
 
 impl Film {
-    /// A film whose pixels are as large as their fraction of the format.
+    /// A film whose pixels are as large as their fraction of the format. Without low-pass filter, gaps and microlenses; its middle is on the axis.
     pub fn new(width_mm: f64, height_mm: f64, columns: usize, rows: usize) -> Self {
         let pixel_area_mm2 = width_mm * height_mm / (columns * rows) as f64;
         Film {
@@ -165,13 +165,14 @@ pub fn three_quarter_direction() -> Vec3 {
     Vec3::new(azimuth.sin() * elevation.cos(), elevation.sin(), azimuth.cos() * elevation.cos())
 }
 
-/// From the middle of a ball to where a camera sees all of it, in a three-quarter view from a little above, by the half of its smaller angle of
-/// view, rad.
+/// From the middle of a ball (`radius`, m) to where a camera sees all of it, in a three-quarter view from a little above, by the half of its smaller angle of
+/// view, rad. A vector in m.
 pub fn three_quarter_view(radius: f32, half_angle: f32) -> Vec3 {
     three_quarter_direction() * (radius / half_angle.sin() * 1.05)
 }
 
-/// Places a camera at `from`, looking at `at`, with `up` upwards in the picture.
+/// Places a camera at `from`, looking at `at` (both m, in the world), with `up` upwards in the picture: world from camera, axes x right, y up, z backward.
+/// Fails on coordinates that are not finite, where `at` is `from`, and where `up` is 0 or along the view.
 pub fn look_at(from: Vec3, at: Vec3, up: Vec3) -> Result<Affine3A, PlacementError> {
     if let Some(bad) = [from, at, up].into_iter().find(|v| !v.is_finite()) {
         return Err(PlacementError::NotFinite(bad));

@@ -51,7 +51,7 @@ impl Fnv {
     }
 }
 
-/// Writes the sums of the exposure that `identity` stands for.
+/// Writes the sums of the exposure that `identity` stands for. Fails where `to` cannot be written, or rows on disk cannot be read.
 pub fn write<S: RowStore>(sums: &Sums<S>, identity: u64, to: &mut impl Write) -> Result<(), CheckpointError> {
     to.write_all(TITLE)?;
     let mut hash = Fnv::new();
@@ -78,7 +78,7 @@ pub fn write<S: RowStore>(sums: &Sums<S>, identity: u64, to: &mut impl Write) ->
 }
 
 /// Reads the sums of the exposure that `identity` stands for, of a size: pixels a row, rows, bands. No more memory is asked for than that size
-/// needs, whatever the file says.
+/// needs, whatever the file says. Fails as [`read_into`].
 pub fn read(from: &mut impl Read, identity: u64, [width, height, bands]: [usize; 3]) -> Result<Sums, CheckpointError> {
     read_into(from, identity, [width, height, bands], |[width, height, numbers]| Ok(Raster::new(width, height, numbers)))
 }

@@ -137,7 +137,8 @@ impl Filter {
         }
     }
 
-    /// An exposure without most of the renderer's noise. `features`: what albedo and normals are to be taken from instead of its truth.
+    /// An exposure without most of the renderer's noise. `features`: what albedo and normals are to be taken from instead of its truth. Fails where Open Image Denoise
+    /// reports an error.
     pub fn denoise(&self, plane: &FocalPlane, features: Option<&Truth>) -> Result<FocalPlane, ShotError> {
         let shown = features.map(|f| FocalPlane { truth: f.clone(), ..plane.clone() });
         let seen = shown.as_ref().unwrap_or(plane);
@@ -155,7 +156,7 @@ impl Filter {
     }
 
     /// [`Filter::denoise`] without features, of all rows at once; given up within milliseconds once `cancel` is set: `None` then. Open Image Denoise cannot be
-    /// stopped, and takes less time.
+    /// stopped, and takes less time. Fails as [`Filter::denoise`].
     pub fn denoise_unless(&self, plane: &FocalPlane, cancel: &AtomicBool) -> Result<Option<FocalPlane>, ShotError> {
         if cancel.load(Ordering::Relaxed) {
             return Ok(None);
@@ -167,7 +168,8 @@ impl Filter {
         }))
     }
 
-    /// [`Filter::denoise`] without features, for small pictures that are looked at for a moment: the built-in filter by fewer neighbours, in a third of the time.
+    /// [`Filter::denoise`] without features, for small pictures that are looked at for a moment: the built-in filter by fewer neighbours, in a third of the time. Fails
+    /// as it does.
     pub fn denoise_coarsely(&self, plane: &FocalPlane) -> Result<FocalPlane, ShotError> {
         let Filter::BuiltIn = self else { return self.denoise(plane, None) };
         let mut out = built_in::denoise_coarsely(plane);

@@ -11,7 +11,8 @@ pub fn hyperfocal_m(focal_mm: f64, f_number: f64, circle_mm: f64) -> f64 {
     (focal_mm * focal_mm / (f_number * circle_mm) + focal_mm) / 1000.0
 }
 
-/// Nearest and farthest distance (m; the far one may be infinite) that look sharp when focused at `subject_m`.
+/// Nearest and farthest distance (m; the far one may be infinite) that look sharp when focused at `subject_m`, by a focal length (mm), f-number and circle of confusion
+/// (mm).
 pub fn limits_m(focal_mm: f64, f_number: f64, circle_mm: f64, subject_m: f64) -> (f64, f64) {
     let (h, f, s) = (hyperfocal_m(focal_mm, f_number, circle_mm), focal_mm / 1000.0, subject_m);
     if s.is_infinite() {

@@ -36,7 +36,8 @@ impl EventFormat {
         }
     }
 
-    /// Whether it can say the pixels of a sensor and a time of so many seconds; else what it can.
+    /// Whether it can hold the pixels of a sensor (columns, rows) and a film of so many seconds. Fails where EVT 2.0 has too few bits for a side or a time; the text says
+    /// what it holds.
     pub fn holds(self, [width, height]: [usize; 2], seconds: f64) -> Result<(), String> {
         match self {
             EventFormat::Evt2 if width > EVT2_SIDE || height > EVT2_SIDE => {

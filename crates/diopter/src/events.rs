@@ -20,7 +20,7 @@ const MOST_STEPS: f64 = 1e7;
 /// How often a step is halved at most where the light changes fast.
 const MOST_HALVINGS: u32 = 4;
 
-/// An event sensor by name or from a TOML file.
+/// An event sensor by name or from a TOML file. Fails on a name that is not known, and on a file that cannot be read or has a wrong entry.
 pub fn read_event_sensor(name: &str) -> Result<EventSensor, ShotError> {
     if !name.ends_with(".toml") {
         return Ok(EventSensor::named(name)?);
@@ -129,7 +129,8 @@ fn momentary(file: &ShotFile, film: &EventFilm) -> Result<ShotFile, ShotError> {
     Ok(file)
 }
 
-/// Takes a film. `warn` gets what was found odd, each once.
+/// Takes a film. `warn` gets what was found odd, each once. Fails on settings that only cameras with frames have (exposure time, mode, ISO speed, shutter, body, flash,
+/// sequence, lens cap), on times out of range, as [`Shot::prepare`] and [`Shot::meter`], and with [`ExposeError::Cancelled`].
 pub fn take(file: &ShotFile, film: &EventFilm, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<TakenEvents, ShotError> {
     let file = momentary(file, film)?;
     let mut told = Vec::new();

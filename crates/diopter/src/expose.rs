@@ -117,7 +117,7 @@ pub(crate) struct PixelBlock {
 }
 
 impl PixelBlock {
-    /// Mean of each band of a pixel of the film.
+    /// Mean of each band of a pixel of the film. `[column, row]` must lie in the block.
     pub fn mean(&self, [column, row]: [usize; 2]) -> &[f32] {
         let start = ((row - self.top) * self.width + column - self.left) * self.bands;
         &self.mean[start..start + self.bands]
@@ -136,7 +136,7 @@ impl PixelBlock {
 /// [`crate::Film::pixel_area_mm2`] collects; of a band in radiance, the
 /// mean over all rays from the pixel's area and the pupil that the lens lets pass, drawn evenly: a lossless view of the scene through this lens, in
 /// which neither vignetting nor transmittance shows; 0 where nothing passes. A pixel at the edge of the image circle reads the mean of its lit
-/// part; what passes less than a tenth of the pupil reads up to 0.1 % low, and darker places lower still.
+/// part; what passes less than a tenth of the pupil reads up to 0.1 % low, and darker places lower still. Fails as [`Exposure::run`].
 pub fn expose(
     scene: &Scene,
     camera: &Camera,
@@ -189,7 +189,8 @@ impl Exposure<'_> {
     ///
     /// `keep` gets the sums again and again, tens to hundreds of milliseconds apart, to save them or look at them ([`Exposure::so_far`]) if it likes. Without it [`Watch::cancel`] gives
     /// [`ExposeError::Cancelled`]; with it the pass under way is finished, and its samples and those before are the result. While the truth is computed,
-    /// before the first sample, [`Watch::cancel`] gives [`ExposeError::Cancelled`] in both cases, and so does a `keep` that breaks.
+    /// before the first sample, [`Watch::cancel`] gives [`ExposeError::Cancelled`] in both cases, and so does a `keep` that breaks. Fails with [`ExposeError::Nothing`]
+    /// without a pixel or a sample, and with [`ExposeError::Foreign`] where `start` has another size, other bands or samples.
     pub fn run(&self, watch: &Watch, start: Option<Sums>, keep: Option<Keep>) -> Result<Exposed, ExposeError> {
         let mut sums = self.begin(start, |[width, height, numbers]| Ok(Raster::new(width, height, numbers)))?;
         let started = Instant::now();
@@ -256,7 +257,8 @@ impl Exposure<'_> {
 
     /// [`Exposure::run`] for planes that memory cannot hold: about `memory` bytes of the sums are in memory, the others in a temporary file in `folder`. The
     /// truth is computed when the rows are asked for; a time limit leaves time for it. Fireflies are kept: the cascade would take six times the room; and
-    /// what lamps diffract far out is gathered as all light is, with its noise.
+    /// what lamps diffract far out is gathered as all light is, with its noise. Fails as [`Exposure::run`], and with [`ExposeError::Disk`] where the file cannot be
+    /// written or read.
     pub fn run_paged(
         &self,
         watch: &Watch,

@@ -60,7 +60,8 @@ impl Seek for Source {
     }
 }
 
-/// Opens a file, or a stream (`-`: standard input) of at most [`MOST_STREAM_BYTES`].
+/// Opens a file, or a stream (`-`: standard input) of at most [`MOST_STREAM_BYTES`]. Fails on what is not there, cannot be read or is a folder, where standard input is
+/// the terminal, and on longer streams.
 pub fn open(path: &Path) -> io::Result<Source> {
     let standard_input = path == Path::new(STANDARD_INPUT);
     if !standard_input {
@@ -89,7 +90,7 @@ pub fn open(path: &Path) -> io::Result<Source> {
     Ok(Source::Stream(Cursor::new(bytes)))
 }
 
-/// All bytes of a file or stream.
+/// All bytes of a file or stream. Fails as [`open`], and where reading fails.
 pub fn read(path: &Path) -> io::Result<Vec<u8>> {
     match open(path)? {
         Source::File(file) => {
@@ -102,7 +103,7 @@ pub fn read(path: &Path) -> io::Result<Vec<u8>> {
     }
 }
 
-/// All text of a file or stream.
+/// All text of a file or stream. Fails as [`read`], and on what is not UTF-8.
 pub fn read_text(path: &Path) -> io::Result<String> {
     String::from_utf8(read(path)?).map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "it is not text (UTF-8)"))
 }

@@ -43,7 +43,7 @@ impl Sync {
     pub const NAMES: [(&'static str, Sync); 3] =
         [("first", Sync::First), ("second", Sync::Second), ("high-speed", Sync::HighSpeed)];
 
-    /// The name's meaning; front and rear, HSS too.
+    /// The name's meaning; front and rear, HSS too. `None` of others.
     pub fn named(name: &str) -> Option<Sync> {
         match name.trim().to_lowercase().as_str() {
             "front" => Some(Sync::First),

@@ -46,7 +46,8 @@ fn share_of_time(raw: &RawImage, column: usize, row: usize) -> f64 {
     ((close - open) / s.effective_s).max(1e-6)
 }
 
-/// Merges pictures of the same scene and camera that differ in exposure.
+/// Merges pictures of the same scene and camera that differ in exposure. Fails without a picture, where they differ in size, filters or body, where a flash was fired,
+/// and where an exposure is not known.
 pub fn merge(raws: &[RawImage]) -> Result<RawImage, HdrError> {
     let error = |k: usize, found: String, expected: &str| HdrError { number: k + 1, found, expected: expected.into() };
     let Some(first) = raws.first() else { return Err(error(0, "there is none".into(), "two or more pictures")) };

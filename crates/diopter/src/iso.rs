@@ -115,7 +115,7 @@ fn reaches(
     Ok(Some((low * high).sqrt()))
 }
 
-/// Measures a setting of a body.
+/// Measures a setting of a body. Fails on a speed that the body does not have.
 pub fn measure(sensor: &Sensor, iso: f64) -> Result<Speeds, ShotError> {
     let d55 = cie::illuminant("D55").unwrap_or_else(|| unreachable!("D55 is embedded"));
     let light = |nm: f32| if (380.0..=780.0).contains(&nm) { d55.at(nm) } else { 0.0 };

@@ -57,7 +57,7 @@ pub struct Table {
 }
 
 impl Lesson {
-    /// Reads a lesson; `name` is for messages.
+    /// Reads a lesson; `name` is for messages. Fails on what is no TOML, and on keys that are missing or not known.
     pub fn parse(text: &str, name: &str) -> Result<Lesson, ShotError> {
         toml::from_str(text).map_err(|e| ShotError::Syntax { path: name.into(), reason: e.to_string().trim_end().to_owned() })
     }

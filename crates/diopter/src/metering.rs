@@ -100,7 +100,7 @@ impl Pattern {
     }
 }
 
-/// EV at ISO 100 of a luminance in cd/m².
+/// EV at ISO 100 of a luminance in cd/m²: log2(L · 100 / K), K = 12.5 (ISO 2720).
 pub fn ev100_of_luminance(luminance: f64) -> f64 {
     (luminance * 100.0 / K).log2()
 }

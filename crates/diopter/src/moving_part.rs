@@ -112,7 +112,7 @@ impl MovingPart {
         -(self.image * (self.at(time_s) - from))
     }
 
-    /// Where it stands at some times, and what that does to the picture; `film_mm` and `size`: of the picture, width and height.
+    /// Where it stands at some times (s since the exposure began), and what that does to the picture; `film_mm` and `size`: its width and height, mm and pixels.
     pub fn states(&self, times_s: impl IntoIterator<Item = f64>, film_mm: [f64; 2], size: [usize; 2]) -> Vec<MovingState> {
         let state = |time_s: f64| {
             let at_mm = self.at(time_s);
@@ -123,7 +123,7 @@ impl MovingPart {
         times_s.into_iter().map(state).collect()
     }
 
-    /// Moments at equal steps over the exposure, about `count`.
+    /// `count` + 1 moments at equal steps over the exposure, s since it began, both ends included.
     pub fn moments(&self, count: usize) -> Vec<f64> {
         (0..=count).map(|i| self.span_s * i as f64 / count as f64).collect()
     }

@@ -39,7 +39,7 @@ pub fn header(descr: &str, shape: &str) -> Vec<u8> {
     out
 }
 
-/// An array of `[row][column][channel]`; of one channel `[row][column]`.
+/// An array of `[row][column][channel]`, as many numbers as `[width, height, channels]` says; of one channel `[row][column]`.
 pub fn array<T: Number>(data: &[T], [width, height, channels]: [usize; 3]) -> Vec<u8> {
     if channels == 1 { with_shape(data, &[height, width]) } else { with_shape(data, &[height, width, channels]) }
 }

@@ -31,7 +31,7 @@ impl Mode {
         Self::NAMES.iter().find(|n| n.1 == self).map_or("", |n| n.0)
     }
 
-    /// The mode of a letter; `Av` and `Tv` are A and S.
+    /// The mode of a letter; `Av` and `Tv` are A and S. `None` of others.
     pub fn named(name: &str) -> Option<Mode> {
         match name.trim().to_uppercase().as_str() {
             "AV" => Some(Mode::AperturePriority),

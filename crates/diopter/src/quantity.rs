@@ -22,7 +22,7 @@ fn wrong(found: &str, expected: &'static str) -> QuantityError {
     QuantityError { found: found.trim().to_owned(), expected }
 }
 
-/// A number with an optional fraction (`1/125`); finite.
+/// A number with an optional fraction (`1/125`), finite; `None` of other text.
 pub fn number(text: &str) -> Option<f64> {
     let text = text.trim();
     let value = match text.split_once('/') {

@@ -51,7 +51,7 @@ pub struct Optics {
 }
 
 impl Optics {
-    /// A thin lens. An aperture picture counts as a round iris.
+    /// A thin lens that is focused at `focus_m` (infinite for infinity). An aperture picture counts as a round iris.
     pub fn thin(focal_mm: f64, f_number: f64, focus_m: f64, film_width_mm: f64, iris: &Iris) -> Optics {
         let shape = |mirror: f64| match iris {
             Iris::Blades(b) => {

@@ -43,7 +43,8 @@ impl Thinned {
     }
 }
 
-/// Writes a DNG of rows that are asked for in turn. The preview is developed by the recipe, from a part of the pixels.
+/// Writes a DNG of rows that are asked for in turn. The preview is developed by the recipe, from a part of the pixels. Fails on a size that DNG cannot hold, and where
+/// `rows` or writing fails.
 pub fn write(
     header: &RawHeader,
     size: [usize; 2],
@@ -62,7 +63,7 @@ pub fn write(
     dng::write(header, size, storage, &mut through, preview, to)
 }
 
-/// Writes a raw image as DNG, with a preview.
+/// Writes a raw image as DNG, with a preview. Fails as [`write()`].
 pub fn write_image(raw: &RawImage, storage: Storage, recipe: &Recipe, to: impl Write + Seek) -> Result<(), ImageError> {
     let size = [raw.mosaic.width, raw.mosaic.height];
     write(&raw.header, size, storage, &mut dng::rows_of(&raw.mosaic), recipe, to)

@@ -13,7 +13,7 @@ fn told(path: &Path, reason: String) -> ShotError {
     ShotError::Read { path: path.display().to_string(), reason }
 }
 
-/// Reads a recipe; the path of its table is relative to it.
+/// Reads a recipe; the path of its table is relative to it. Fails where it cannot be read, and on settings that are not known or out of range.
 pub fn read(path: &Path) -> Result<Recipe, ShotError> {
     let text = files::read_text(path).map_err(|e| told(path, e.to_string()))?;
     let mut recipe = Recipe::from_toml(&text).map_err(|e| told(path, e.to_string()))?;
@@ -29,12 +29,12 @@ pub fn place_lut(recipe: &mut Recipe, folder: &Path) {
     }
 }
 
-/// The table that a recipe names, if it names one.
+/// The table that a recipe names, if it names one. Fails as [`read_lut`].
 pub fn lut(recipe: &Recipe) -> Result<Option<Lut>, ShotError> {
     (!recipe.lut.file.is_empty()).then(|| read_lut(Path::new(&recipe.lut.file))).transpose()
 }
 
-/// Reads a `.cube` file.
+/// Reads a `.cube` file. Fails where it cannot be read, on more than 1 GiB, and on what is no table.
 pub fn read_lut(path: &Path) -> Result<Lut, ShotError> {
     // Streams have no size, and a bound of their own.
     let size = std::fs::metadata(path).map_or(0, |m| m.len());

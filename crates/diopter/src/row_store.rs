@@ -75,7 +75,7 @@ struct Strip {
 
 impl PagedRows {
     /// Rows of zeros, of a size (pixels a row, rows, numbers a pixel), with about `memory` bytes of them in memory, and the rest in a file in `folder`
-    /// that goes away with the program. Folders for temporary files are in memory on many systems: another one is wanted here.
+    /// that goes away with the program. Folders for temporary files are in memory on many systems: another one is wanted here. Fails where no file can be made there.
     pub fn new(size: [usize; 3], memory: usize, folder: &Path) -> io::Result<Self> {
         let [width, height, channels] = size;
         let most = (memory / (8 * STRIP_ROWS * width * channels).max(1)).max(FEWEST_STRIPS);

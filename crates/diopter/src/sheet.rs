@@ -179,7 +179,8 @@ impl FromStr for Axis {
 }
 
 impl SheetFile {
-    /// Reads a sheet file. Paths in it stay as they are written: [`SheetFile::cells`] takes the folder.
+    /// Reads a sheet file. Paths in it stay as they are written: [`SheetFile::cells`] takes the folder. Fails where the file cannot be read, and on entries that are not
+    /// known or of another kind.
     pub fn read(path: &Path) -> Result<SheetFile, ShotError> {
         let place = path.display().to_string();
         let text = files::read_text(path).map_err(|e| ShotError::Read { path: place.clone(), reason: e.to_string() })?;
@@ -199,7 +200,8 @@ impl SheetFile {
         Ok(())
     }
 
-    /// The shots of the sheet; their paths are relative to `folder`, where there is one.
+    /// The shots of the sheet; their paths are relative to `folder`, where there is one. Fails on settings that are not known or named twice, on values out of range, on
+    /// more than two axes, and on a table that is none of `calc`.
     pub fn cells(&self, folder: Option<&Path>) -> Result<Cells, ShotError> {
         if !(1..=MOST_AXES).contains(&self.vary.len()) {
             return Err(value("vary", format!("{} settings", self.vary.len()), "one or two, such as iso=100,200,400"));

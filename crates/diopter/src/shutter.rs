@@ -117,12 +117,12 @@ pub struct Place {
 }
 
 impl Shutter {
-    /// Opens and closes everywhere at once.
+    /// Opens and closes everywhere at once, for `exposure_s`.
     pub fn global(exposure_s: f64) -> Self {
         Shutter { mechanism: Mechanism::Global, exposure_s }
     }
 
-    /// The time during which light may pass, s; empty (end before beginning) where blades never clear that part of the pupil.
+    /// The time during which light may pass, s since the exposure began; empty (end before beginning) where blades never clear that part of the pupil.
     #[inline]
     pub fn window(&self, place: &Place) -> (f64, f64) {
         match self.mechanism {
@@ -199,7 +199,7 @@ impl Shutter {
         high
     }
 
-    /// The moments, if there are any, between which the whole picture is open, s.
+    /// The moments, if there are any, between which the whole picture is open, s since the exposure began.
     pub fn fully_open(&self) -> Option<(f64, f64)> {
         let (from, to) = match self.mechanism {
             Mechanism::Global => (0.0, self.exposure_s),

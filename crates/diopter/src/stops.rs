@@ -113,17 +113,17 @@ fn meant(of: fn(Step) -> Vec<Mark>, nominal: f64, dial: Option<Step>) -> f64 {
     dials.find_map(|step| of(step).into_iter().find(same)).map_or(nominal, |m| m.value)
 }
 
-/// True f-number of an engraved one.
+/// True f-number of an engraved one. `dial`: the dial in use, which is looked at first. A number that no dial has is itself.
 pub fn true_aperture(nominal: f64, dial: Option<Step>) -> f64 {
     meant(apertures, nominal, dial)
 }
 
-/// True time of an engraved one, s.
+/// True time of an engraved one, s. `dial`: as for [`true_aperture`].
 pub fn true_time(nominal: f64, dial: Option<Step>) -> f64 {
     meant(times, nominal, dial)
 }
 
-/// True speed of an engraved one.
+/// True speed of an engraved one. `dial`: as for [`true_aperture`].
 pub fn true_speed(nominal: f64, dial: Option<Step>) -> f64 {
     meant(speeds, nominal, dial)
 }

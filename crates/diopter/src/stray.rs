@@ -169,7 +169,7 @@ impl StrayLight {
         Some(StrayLight { parts, film, shutter: *shutter, open_s: scene.open_s(), scale, beams: beams.len(), left_out, glare })
     }
 
-    /// Adds it to the mean of some rows of the film.
+    /// Adds it to the mean of some rows of the film. `first_row`: the row of the film that the mean begins with.
     pub fn add_to(&self, mean: &mut Raster<f32>, first_row: usize) {
         self.move_light(mean, first_row);
         self.add_ghosts(mean, first_row, 1.0);

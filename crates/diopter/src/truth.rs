@@ -21,7 +21,8 @@ use std::io::{Seek, Write};
 ///
 /// `recorded`: what is said of the truth, that of the plane, or the same with files of names beside ([`Recorded::beside`]).
 ///
-/// All of it is in memory at once, about 80 bytes a pixel and what more truth was asked for. What blooms from one pixel into others is not in it.
+/// All of it is in memory at once, about 80 bytes a pixel and what more truth was asked for. What blooms from one pixel into others is not in it. Fails where the file
+/// cannot be written.
 pub fn write(
     plane: &FocalPlane,
     reader: &ReadOut,

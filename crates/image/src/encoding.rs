@@ -48,7 +48,7 @@ impl Encoding {
         matches!(self, Encoding::Pq | Encoding::Hlg | Encoding::Linear)
     }
 
-    /// Code (0 to 1) of linear light; what cannot be told is clipped, but for `Linear`.
+    /// Code (0 to 1) of linear light; what cannot be told is clipped, but for `Linear`. Light is 1 at diffuse white.
     pub fn encode(self, linear: f32) -> f32 {
         match self {
             Encoding::Linear => linear,
@@ -84,7 +84,7 @@ impl Encoding {
         scene.map(|v| v * scale * HLG_PEAK_NITS / HDR_WHITE_NITS)
     }
 
-    /// Linear light of a code.
+    /// Linear light (1 at diffuse white) of a code.
     pub fn decode(self, code: f32) -> f32 {
         match self {
             Encoding::Linear => code,

@@ -138,7 +138,7 @@ pub enum Holder {
     Png,
 }
 
-/// The block that picture files hold: a TIFF of two directories.
+/// The block that picture files hold: a TIFF of two directories. Fails where the encoder of the `tiff` crate does.
 pub fn block(facts: &ExposureFacts, holder: Holder) -> Result<Vec<u8>, ImageError> {
     let mut bytes = Cursor::new(Vec::new());
     let mut tiff = TiffEncoder::new(&mut bytes).map_err(written)?;

@@ -136,7 +136,7 @@ fn block_layout() -> exr::image::Encoding {
     }
 }
 
-/// Writes a picture, linear whatever it is encoded in, with its primaries.
+/// Writes a picture, linear whatever it is encoded in, with its primaries. Fails where writing does.
 pub fn write_picture(
     picture: &dyn PictureSource,
     precision: Precision,
@@ -285,7 +285,7 @@ impl Part<'_> {
     }
 }
 
-/// Planes of one pixel raster by name: floating point, and whole numbers.
+/// Writes planes of one pixel raster (`size`: columns, rows) by name, row by row: floating point, and whole numbers. Fails where writing does.
 pub fn write_planes(
     size: [usize; 2],
     floats: Vec<(&str, Vec<f32>)>,
@@ -299,7 +299,7 @@ pub fn write_planes(
 /// [`write_planes`] with truth among them: `recorded` says what its identifiers stand for.
 ///
 /// Channels have the same names in both layouts. Of several parts the first says all that a file of one part says; the metadata of Cryptomatte stand in the
-/// part of their layer, too.
+/// part of their layer, too. Fails where writing does.
 pub fn write_truth(
     size: [usize; 2],
     parts: Vec<Part>,
@@ -343,7 +343,8 @@ fn write_truth_to(
     Image::from_layers(ImageAttributes::new(window), layers).write().to_buffered(to).map_err(written)
 }
 
-/// Reads a focal plane that [`write_focal_plane`] wrote.
+/// Reads a focal plane that [`write_focal_plane`] wrote. Fails where reading does, and on files that are no EXR, lack our description or a channel, or announce more pixels
+/// than they can hold.
 pub fn read_focal_plane(mut from: impl Read + Seek) -> std::result::Result<FocalPlane, ImageError> {
     read_focal_plane_from(&mut from)
 }
@@ -472,7 +473,8 @@ fn within_file(header: &exr::meta::header::Header, length: u64) -> std::result::
     Ok(())
 }
 
-/// Reads one channel of any EXR by name, as floating point, row by row; of several parts that have it, of the first.
+/// Reads one channel of any EXR by name, as floating point, row by row; of several parts that have it, of the first. Fails where reading does, on files that are no EXR or are
+/// damaged, and where no part has the channel.
 pub fn read_plane(mut from: impl Read + Seek, name: &str) -> std::result::Result<Vec<f32>, ImageError> {
     read_plane_from(&mut from, name)
 }
@@ -528,7 +530,7 @@ impl Maps {
     }
 }
 
-/// Reads channels of any EXR by name, as floating point, row by row.
+/// Reads channels of any EXR by name, as floating point, row by row. Fails where reading does, on files that are no EXR or are damaged, and on a channel that is not there.
 pub fn read_maps(mut from: impl Read + Seek, names: &[&str]) -> std::result::Result<Maps, ImageError> {
     let layer = read_layer(&mut from)?;
     let plane = |name: &&str| {
@@ -547,7 +549,8 @@ pub fn read_maps(mut from: impl Read + Seek, names: &[&str]) -> std::result::Res
     Ok(Maps { size: [layer.size.0, layer.size.1], planes, texts: layer.attributes.other.iter().filter_map(text).collect() })
 }
 
-/// Reads the `R`, `G`, `B` channels of any EXR (or one channel three times), as linear numbers: environment maps.
+/// Reads the `R`, `G`, `B` channels of any EXR (or one channel three times), as linear numbers: environment maps. `[row][column][3]`. Fails where reading does, on files that
+/// are no EXR or are damaged, and where neither these channels nor `Y` are there.
 pub fn read_rgb(mut from: impl Read + Seek) -> std::result::Result<Raster<f32>, ImageError> {
     let layer = read_layer(&mut from)?;
     let list = &layer.channel_data.list;

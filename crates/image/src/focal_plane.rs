@@ -48,7 +48,7 @@ pub struct FocalPlane {
 }
 
 impl FocalPlane {
-    /// An even field: the same signal of each band everywhere, known exactly.
+    /// An even field: the same signal of each band everywhere, known exactly. `signal`: a value a band, in its unit; panics on another number.
     pub fn even(bands: Vec<Band>, signal: &[f32], [width, height]: [usize; 2], facts: ExposureFacts) -> FocalPlane {
         let mut mean = Raster::new(width, height, bands.len());
         mean.data.chunks_mut(bands.len().max(1)).for_each(|p| p.copy_from_slice(signal));
@@ -78,7 +78,7 @@ impl FocalPlane {
         variance
     }
 
-    /// Some of its rows.
+    /// Some of its rows. Panics on rows that it does not have.
     pub fn rows(&self, rows: Range<usize>) -> FocalPlane {
         FocalPlane {
             bands: self.bands.clone(),
@@ -90,7 +90,7 @@ impl FocalPlane {
     }
 
     /// A smaller plane to look at: means over blocks of `factor` × `factor` pixels, with the truth of the pixel in the middle of each. Its numbers are those
-    /// of one of the pixels before, not of a larger one: it is as bright.
+    /// of one of the pixels before, not of a larger one: it is as bright. A `factor` of 0 counts as 1.
     pub fn reduced(&self, factor: usize) -> FocalPlane {
         FocalPlane {
             bands: self.bands.clone(),
@@ -101,7 +101,7 @@ impl FocalPlane {
         }
     }
 
-    /// Puts the rows of a plane of the same width and bands below its own.
+    /// Puts the rows of a plane of the same width and bands below its own. Panics on another width, another number of bands or other truth channels.
     pub fn append(&mut self, below: &FocalPlane) {
         self.mean.append(&below.mean);
         self.half_difference.append(&below.half_difference);
@@ -231,7 +231,7 @@ pub struct Merged<S> {
 }
 
 impl<S: FocalPlaneSource> Merged<S> {
-    /// Fails when sizes, bands, seeds or cameras differ, or when two parts hold the same samples.
+    /// Of at least one part. Fails when sizes, bands, seeds or cameras differ, or when two parts hold the same samples.
     pub fn new(parts: Vec<S>) -> Result<Self, ImageError> {
         let mismatch = |what: String| Err(ImageError::Mismatch(what));
         let mut parts: Vec<(usize, S)> = parts.into_iter().enumerate().collect();

@@ -19,7 +19,8 @@ const MAP_QUALITY: u8 = 90;
 const XMP: &[u8] = b"http://ns.adobe.com/xap/1.0/\0";
 const ISO: &[u8] = b"urn:iso:std:iso:ts:21496:-1\0";
 
-/// Writes `sdr` with the map that makes `hdr` of it; both have one size and space. `hdr` may have any encoding that tells light above white.
+/// Writes `sdr` with the map that makes `hdr` of it; both have one size and space. `hdr` may have any encoding that tells light above white. `quality`:
+/// 1 to 100. Fails where sizes differ, on sides that no JPEG has, on more than 4 GB, and where writing does; spaces are not compared.
 pub fn write(sdr: &dyn PictureSource, hdr: &dyn PictureSource, quality: u8, mut to: impl Write) -> Result<(), ImageError> {
     write_to(sdr, hdr, quality, &mut to)
 }

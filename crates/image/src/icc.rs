@@ -35,7 +35,7 @@ const CREATED_AT: usize = 24;
 const CREATED: [u16; 6] = [2026, 1, 1, 0, 0, 0];
 
 /// An ICC profile of the codes that are written, named after what it describes. Light of HDR profiles is relative to their peak: 10 000 cd/m²
-/// of PQ, the nominal peak of HLG.
+/// of PQ, the nominal peak of HLG. Fails where `moxcms` cannot encode it.
 pub fn profile(space: RgbSpace, encoding: Encoding) -> Result<Vec<u8>, ImageError> {
     let (mut p, name) = match space {
         RgbSpace::Srgb => (ColorProfile::new_srgb(), "sRGB"),

@@ -18,7 +18,8 @@ const LONGEST_INTERVAL: usize = 65_535;
 /// An application segment: number of the marker APPn, bytes.
 pub(crate) type Segment = (u8, Vec<u8>);
 
-/// Writes a picture as JPEG of the given quality (1..=100). A side can have 65 535 pixels at most.
+/// Writes a picture as JPEG of the given quality (1..=100). A side can have 65 535 pixels at most. Fails on a larger side or one of 0, and
+/// where writing does.
 pub fn write(picture: &dyn PictureSource, quality: u8, mut to: impl Write) -> Result<(), ImageError> {
     write_with(picture, quality, Vec::new(), &mut to)
 }

@@ -191,7 +191,7 @@ impl RowTimes {
         RowTimes { columns, ..self }
     }
 
-    /// Opening and closing of a line.
+    /// Opening and closing of a line, s.
     pub fn of(&self, line: usize) -> (f64, f64) {
         let at = |[first, step]: [f64; 2]| first + step * line as f64;
         (at(self.open_s), at(self.close_s))

@@ -105,12 +105,12 @@ pub(crate) fn in_bands<T: Send>(
 }
 
 impl Picture {
-    /// 8-bit codes.
+    /// 8-bit codes, `[row][column][3]`.
     pub fn to_8_bit(&self) -> Vec<u8> {
         rows_8_bit(self, 0, self.pixels.height)
     }
 
-    /// 16-bit codes.
+    /// 16-bit codes, `[row][column][3]`.
     pub fn to_16_bit(&self) -> Vec<u16> {
         rows_16_bit(self, 0, self.pixels.height)
     }

@@ -18,7 +18,7 @@ fn io(e: png::EncodingError) -> ImageError {
     ImageError::Io(std::io::Error::other(e))
 }
 
-/// Writes a picture as PNG.
+/// Writes a picture as PNG. Fails on a side of 0 or above 2³¹ − 1 pixels, and where writing does.
 pub fn write(picture: &dyn PictureSource, depth: Depth, mut to: impl Write) -> Result<(), ImageError> {
     write_to(picture, depth, &mut to)
 }
@@ -61,7 +61,8 @@ fn write_to(picture: &dyn PictureSource, depth: Depth, to: &mut dyn Write) -> Re
     writer.finish().map_err(io)
 }
 
-/// Writes numbers of one channel as a grey picture of 16 bits, as they are.
+/// Writes numbers of one channel as a grey picture of 16 bits, as they are. Fails on a raster without pixels or of several
+/// channels, and where writing does.
 pub fn write_numbers(numbers: &Raster<u16>, mut to: impl Write) -> Result<(), ImageError> {
     let to: &mut dyn Write = &mut to;
     let mut encoder = png::Encoder::new(to, numbers.width as u32, numbers.height as u32);

@@ -19,14 +19,14 @@ impl<T: Copy + Default> Raster<T> {
         Raster { width, height, channels, data: vec![T::default(); width * height * channels] }
     }
 
-    /// The values of a pixel.
+    /// The values of a pixel. Both numbers must lie inside: a place behind the last pixel panics, a column beyond its row does not.
     #[inline]
     pub fn pixel(&self, column: usize, row: usize) -> &[T] {
         let start = (row * self.width + column) * self.channels;
         &self.data[start..start + self.channels]
     }
 
-    /// The values of a pixel, to change.
+    /// The values of a pixel, to change. As [`Raster::pixel`].
     #[inline]
     pub fn pixel_mut(&mut self, column: usize, row: usize) -> &mut [T] {
         let start = (row * self.width + column) * self.channels;
@@ -68,7 +68,7 @@ impl<T: Copy + Default> Raster<T> {
 }
 
 impl Raster<f32> {
-    /// A smaller raster, of the means over blocks of `factor` × `factor` pixels; blocks at the right and lower edge may be cut off.
+    /// A smaller raster, of the means over blocks of `factor` × `factor` pixels (0: as 1); blocks at the right and lower edge may be cut off.
     pub fn reduced(&self, factor: usize) -> Self {
         let (n, channels) = (factor.max(1), self.channels);
         let mut to = Raster::new(self.width.div_ceil(n), self.height.div_ceil(n), channels);

@@ -28,7 +28,7 @@ impl LightSource {
     /// Some other light.
     pub const OTHER: LightSource = LightSource(255);
 
-    /// The number of an illuminant of CIE.
+    /// The EXIF number of a CIE illuminant by its name (`D65`, `FL2` ...); [`LightSource::OTHER`] of any other.
     pub fn of_illuminant(name: &str) -> LightSource {
         LightSource(match name.to_uppercase().as_str() {
             "A" => 17,

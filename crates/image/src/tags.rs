@@ -43,7 +43,7 @@ impl Field {
         Field::Longs(vec![value])
     }
 
-    /// One fraction.
+    /// One fraction; below 0 it is written as 0.
     pub fn rational(value: f64) -> Field {
         Field::Rationals(vec![value])
     }

@@ -10,7 +10,7 @@ use tiff::tags::Tag;
 /// Most bytes of pixels: places in a TIFF are 32-bit numbers.
 const MOST_BYTES: u64 = u32::MAX as u64 - (1 << 20);
 
-/// Writes a picture as 16-bit TIFF.
+/// Writes a picture as 16-bit TIFF. Fails on a side of 0, on pixels that take more than 4 GB, and where writing does.
 pub fn write(picture: &dyn PictureSource, mut to: impl Write + Seek) -> Result<(), ImageError> {
     write_to(picture, &mut to)
 }

@@ -237,7 +237,7 @@ impl Truth {
         }
     }
 
-    /// Some of its rows.
+    /// Some of its rows. Panics on rows that it does not have.
     pub fn rows(&self, rows: Range<usize>) -> Truth {
         Truth { recorded: self.recorded.clone(), values: self.values.iter().map(|v| v.rows(rows.clone())).collect() }
     }
@@ -315,7 +315,7 @@ impl Ranks {
         self.found.clear();
     }
 
-    /// Adds coverage of an identifier.
+    /// Adds coverage (0 to 1) of an identifier.
     pub fn add(&mut self, id: f32, coverage: f64) {
         match self.found.iter_mut().find(|(bits, _)| *bits == id.to_bits()) {
             Some((_, sum)) => *sum += coverage,

@@ -41,8 +41,8 @@ pub struct Aperture {
 }
 
 impl Aperture {
-    /// `blocks`: light is stopped inside the outline, else outside of it. `center` in mm; `rotation_deg` from +x towards +y. Fails on
-    /// sizes that no aperture has.
+    /// `blocks`: light is stopped inside the outline, else outside of it. `center` in mm; `rotation_deg` from +x towards +y. Fails on sizes
+    /// that are not positive, on a middle that is no place, beyond 360°, and on a spider that does not block.
     pub fn new(outline: Outline, blocks: bool, center: [f64; 2], rotation_deg: f64) -> Result<Aperture, String> {
         let is_size = |v: f64| v > 0.0 && v < LARGEST;
         match outline {

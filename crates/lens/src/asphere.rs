@@ -12,7 +12,7 @@ pub struct Asphere {
 }
 
 impl Asphere {
-    /// z and dz/dr at a height; `None` beyond the conic.
+    /// z (mm) and dz/dr at a height (mm); `None` beyond the conic.
     #[inline]
     pub fn sag(&self, r: f64) -> Option<(f64, f64)> {
         let root2 = 1.0 - (1.0 + self.k) * self.c * self.c * r * r;
@@ -31,12 +31,12 @@ impl Asphere {
         Some((self.c * r * r / (1.0 + root) + z, self.c * r / root + slope))
     }
 
-    /// Curvature at the vertex: the conic's and the r² term's.
+    /// Curvature at the vertex, 1/mm: the conic's and the r² term's.
     pub fn vertex_curvature(&self) -> f64 {
         self.c + 2.0 * self.a.get(2).copied().unwrap_or(0.0)
     }
 
-    /// Coefficient of r⁴ that departs from a sphere of the vertex curvature: for third-order sums.
+    /// Coefficient of r⁴ (mm⁻³) that departs from a sphere of the vertex curvature: for third-order sums.
     pub fn fourth_order(&self) -> f64 {
         let c = self.vertex_curvature();
         let conic = (1.0 + self.k) * self.c.powi(3) / 8.0 - c.powi(3) / 8.0;

@@ -228,7 +228,7 @@ impl CalibratedLens {
         Ok(CalibratedLens { pupil, ..self.clone() })
     }
 
-    /// At another f-number.
+    /// At another f-number. Fails unless it is positive and finite.
     pub fn stopped(&self, f_number: f64) -> Result<CalibratedLens, LensError> {
         ThinLens::new(self.focal_length, f_number, Iris::Round, Focus::Infinity)?;
         Ok(CalibratedLens { f_number, ..self.clone() })
@@ -256,12 +256,12 @@ impl CalibratedLens {
         Some([turned(origin), turned(direction)])
     }
 
-    /// The ray through the middle of the pupil.
+    /// The ray through the middle of the pupil. `Err` where the calibration sees nothing at the film point (mm).
     pub fn chief_ray(&self, film_mm: DVec2) -> Result<LensRay, Blocked> {
         self.ray(film_mm, Vec2::ZERO)
     }
 
-    /// The ray through the place of the pupil that belongs to `u` in the unit square.
+    /// The ray through the place of the pupil that belongs to `u` in the unit square. Fails as [`CalibratedLens::chief_ray`].
     pub fn ray_of(&self, film_mm: DVec2, u: [f32; 2]) -> Result<LensRay, Blocked> {
         self.ray(film_mm, self.pupil.as_ref().map_or(Vec2::ZERO, |p| p.iris.sample(u)))
     }

@@ -96,7 +96,7 @@ impl CompoundLens {
         CompoundLens::with_detail(prescription, setting, PupilDetail::Full)
     }
 
-    /// The same with its pupil found at more or fewer places; a lens that is focused or stopped from it keeps to that.
+    /// The same with its pupil found at more or fewer places; a lens that is focused or stopped from it keeps to that. Fails as [`CompoundLens::new`].
     pub fn with_detail(
         prescription: Arc<Prescription>,
         setting: &Setting,
@@ -182,13 +182,14 @@ impl CompoundLens {
         self.setting.focus
     }
 
-    /// The same lens focused elsewhere.
+    /// The same lens focused elsewhere. Fails on planes that have no image, that are nearer than its focus data reach, or whose image lies within the lens.
     pub fn refocused(&self, focus: Focus) -> Result<CompoundLens, LensError> {
         CompoundLens::turned(self.prescription.clone(), &Setting { focus, ..self.setting.clone() }, self.tilt, self.detail)
     }
 
     /// The same lens with its film so far behind its place for infinity, quickly: what moves as a whole keeps the pupils it has, scaled to
-    /// the film's new distance. Only rims that cut the pupil may be seen a little differently; for probes, where a film is moved often.
+    /// the film's new distance. Only rims that cut the pupil may be seen a little differently; for probes, where a film is moved often. `extension` in mm; fails as
+    /// [`CompoundLens::refocused`].
     pub fn with_extension(&self, extension: f64) -> Result<CompoundLens, LensError> {
         let from = match self.setting.focus {
             Focus::Infinity => 0.0,
@@ -215,7 +216,7 @@ impl CompoundLens {
         Ok(lens)
     }
 
-    /// The same lens at another f-number.
+    /// The same lens at another f-number. Fails on a number that is not positive, and where it opens no wider.
     pub fn stopped(&self, f_number: f64) -> Result<CompoundLens, LensError> {
         let setting = Setting { f_number: Some(f_number), ..self.setting.clone() };
         CompoundLens::turned(self.prescription.clone(), &setting, self.tilt, self.detail)
@@ -383,7 +384,7 @@ impl CompoundLens {
     }
 
     /// The plain answer: film point and pupil sample → ray and weight at one wavelength, losses in glass and at surfaces
-    /// included.
+    /// included. `film` in mm, `u` in the unit square. `Err` where the light is blocked, and where the film point sees none.
     pub fn ray(&self, film: DVec2, u: [f32; 2], nm: f64) -> Result<LensRay, Blocked> {
         let (region, turn) = self.pupils.region(film);
         let area = region.fan.area();
@@ -399,7 +400,7 @@ impl CompoundLens {
         Ok(LensRay { origin_mm: self.relative_to_pupil(out.position), direction: out.direction, weight_sr })
     }
 
-    /// The ray from a film point with a slope towards the lens; its weight counts for a unit of slope.
+    /// The ray from a film point with a slope towards the lens; its weight counts for a unit of slope. `film` in mm. `Err` where the light is blocked.
     pub fn ray_along(&self, film: DVec2, slope: DVec2, nm: f64) -> Result<LensRay, Blocked> {
         let ray = self.film_ray(film, slope);
         let n = self.system.indices(nm);
@@ -433,12 +434,12 @@ impl CompoundLens {
         p - self.turned.entrance_pupil()
     }
 
-    /// The ray through the middle of what passes.
+    /// The ray through the middle of what passes. `film` in mm; wavelength [`REFERENCE_NM`]. `Err` where no light passes.
     pub fn chief_ray(&self, film: DVec2) -> Result<LensRay, Blocked> {
         self.chief_ray_by(film, &self.reference)
     }
 
-    /// The same at a wavelength, nm: through the middle of what passes of all colours.
+    /// The same at a wavelength, nm: through the middle of what passes of all colours. Fails as [`CompoundLens::chief_ray`].
     pub fn chief_ray_of(&self, film: DVec2, nm: f64) -> Result<LensRay, Blocked> {
         if nm == REFERENCE_NM { self.chief_ray(film) } else { self.chief_ray_by(film, &self.system.indices(nm)) }
     }

@@ -45,7 +45,8 @@ pub struct DiffractedRay {
 }
 
 impl Diffractive {
-    /// `phase` in radians for each order. Fails on what is no diffractive surface.
+    /// `phase` in radians for each order. Fails beyond [`HIGHEST_ORDER`], and on a blaze outside 100 to 100 000 nm or of fewer than 2 or more than
+    /// 1024 levels.
     pub fn new(order: i32, phase: Polynomial, blaze: Option<Blaze>) -> Result<Diffractive, String> {
         if order.abs() > HIGHEST_ORDER {
             return Err(format!("diffraction order {order}: expected -{HIGHEST_ORDER} to {HIGHEST_ORDER}"));
@@ -82,7 +83,7 @@ impl Diffractive {
     }
 
     /// What becomes of a ray of a unit direction at a place where the surface has this unit normal; `n`: the indices before and after it, the
-    /// same twice for a mirror. `None` where the order does not exist there.
+    /// same twice for a mirror. `None` where the order does not exist there. `place` in mm.
     pub fn bend(
         &self,
         place: DVec2,

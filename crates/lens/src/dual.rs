@@ -66,7 +66,7 @@ pub struct Dual<const N: usize> {
 }
 
 impl<const N: usize> Dual<N> {
-    /// The variable of a number, at a value.
+    /// The variable of a number, at a value. Numbers count from 0; panics from N on.
     pub fn variable(value: f64, number: usize) -> Self {
         let mut derivatives = [0.0; N];
         derivatives[number] = 1.0;

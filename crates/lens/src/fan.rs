@@ -41,7 +41,7 @@ impl Fan {
         Fan { center, outline, before, guide, area }
     }
 
-    /// Area.
+    /// Area, in the square of the outline's unit.
     #[inline]
     pub fn area(&self) -> f64 {
         self.area

@@ -43,8 +43,8 @@ pub struct Forbes {
 }
 
 impl Forbes {
-    /// `c`: curvature, 1/mm; `k`: conic constant; `norm_mm`: radius at which u is 1. Fails on figures that
-    /// describe no surface.
+    /// `c`: curvature, 1/mm; `k`: conic constant; `norm_mm`: radius at which u is 1. Fails on a `norm_mm` that is not above 0 and below 10⁶, on
+    /// more than [`MOST_TERMS`] terms, and on numbers that are not finite.
     pub fn new(kind: ForbesKind, c: f64, k: f64, norm_mm: f64, terms: Vec<f64>) -> Result<Forbes, String> {
         if !(norm_mm > 0.0 && norm_mm < 1e6) {
             return Err(format!("normalisation radius {norm_mm}: expected a positive length in mm"));
@@ -126,7 +126,7 @@ impl Forbes {
         (sum, slope)
     }
 
-    /// z and dz/dr at a height; `None` beyond the conic.
+    /// z (mm) and dz/dr at a height (mm); `None` beyond the conic.
     #[inline]
     pub fn sag(&self, r: f64) -> Option<(f64, f64)> {
         let r2 = r * r;
@@ -154,7 +154,7 @@ impl Forbes {
         Some((self.c * r2 / (1.0 + root) + z, r * (self.c / root + over_r)))
     }
 
-    /// Curvature at the vertex.
+    /// Curvature at the vertex, 1/mm.
     pub fn vertex_curvature(&self) -> f64 {
         match self.kind {
             ForbesKind::Conic => self.c,
@@ -162,7 +162,7 @@ impl Forbes {
         }
     }
 
-    /// Coefficient of r⁴ that departs from a sphere of the vertex curvature: for third-order sums.
+    /// Coefficient of r⁴ (mm⁻³) that departs from a sphere of the vertex curvature: for third-order sums.
     pub fn fourth_order(&self) -> f64 {
         let norm2 = self.norm_mm * self.norm_mm;
         let (s, ds) = self.sum(0.0);

@@ -33,7 +33,8 @@ pub(crate) struct GradedRay {
 }
 
 impl Gradient {
-    /// `radial`: coefficients of r², r⁴, ...; `axial`: of z, z², ...; `squared`: of n² instead of n. Fails on figures that are no medium.
+    /// `radial`: coefficients of r², r⁴, ...; `axial`: of z, z², ...; `squared`: of n² instead of n. Fails on more than 12 of either, and on
+    /// numbers that are not finite.
     pub fn new(squared: bool, radial: Vec<f64>, axial: Vec<f64>) -> Result<Gradient, String> {
         if radial.len() > MOST_TERMS || axial.len() > MOST_TERMS {
             let what = format!("{} radial and {} axial coefficients", radial.len(), axial.len());

@@ -86,7 +86,8 @@ impl PartialEq for ApertureImage {
 }
 
 impl Iris {
-    /// `count` blades, the first corner at `rotation` rad from +x; `curvature` 0 (straight) to 1 (round).
+    /// `count` blades, the first corner at `rotation` rad from +x; `curvature` 0 (straight) to 1 (round). Fails on other
+    /// curvatures, on fewer than 3 or more than 64 blades, and on a rotation that is not finite.
     pub fn blades(count: u32, rotation: f32, curvature: f32) -> Result<Self, LensError> {
         require((3..=MOST_BLADES).contains(&count), "number of iris blades", count as f64, "", "3 to 64 (or a round iris)")?;
         require(
@@ -116,7 +117,8 @@ impl Iris {
         Ok(Iris::Blades(Arc::new(Blades { count, rotation, curvature, corner: corner as f32, edges, fan })))
     }
 
-    /// A picture as aperture: transmittances 0 to 1, rows from the top, at least one above 0.
+    /// A picture as aperture: transmittances 0 to 1, rows from the top, at least one above 0. Fails on other values, or another
+    /// number of them than pixels.
     pub fn image(width: usize, height: usize, values: Vec<f32>) -> Result<Self, LensError> {
         require(
             width > 0 && height > 0 && values.len() == width * height,

@@ -212,7 +212,7 @@ impl Lens {
         })
     }
 
-    /// [`Lens::refocused`] by the film's place (mm behind that for infinity), quickly: for probes ([`CompoundLens::with_extension`]).
+    /// [`Lens::refocused`] by the film's place (mm behind that for infinity), quickly: for probes ([`CompoundLens::with_extension`]). Fails as that.
     pub fn with_extension(&self, extension: f64) -> Result<Lens, LensError> {
         match self {
             Lens::Compound(lens) => Ok(Lens::Compound(Box::new(lens.with_extension(extension)?))),
@@ -220,7 +220,7 @@ impl Lens {
         }
     }
 
-    /// The same lens at another f-number. Fails where it opens no wider.
+    /// The same lens at another f-number. Fails on a number that is not positive, and where the lens opens no wider.
     pub fn stopped(&self, f_number: f64) -> Result<Lens, LensError> {
         Ok(match self {
             Lens::Pinhole(lens) => {
@@ -310,7 +310,7 @@ impl Lens {
 
     /// The ray from a film point in a direction, given as its slope towards the lens. Its weight counts for a unit of slope:
     /// [`Lens::ray`]'s is the integral over all slopes that pass. A pinhole lets no such ray through, nor does a calibrated camera, which
-    /// has no light between film and pupil.
+    /// has no light between film and pupil. `film_mm` in mm; `Err` where the light is blocked.
     pub fn ray_along(&self, film_mm: DVec2, slope: DVec2) -> Result<LensRay, Blocked> {
         match self {
             Lens::Pinhole(_) | Lens::Calibrated(_) => Err(Blocked { surface: 0, why: BlockedBy::Clipped }),
@@ -320,7 +320,7 @@ impl Lens {
     }
 
     /// The ray from a film point (mm, lens axes: the picture on the film is upside down) through the place of the pupil
-    /// that belongs to `u` in the unit square.
+    /// that belongs to `u` in the unit square. `Err` where the light is blocked, or a calibrated camera sees nothing; never of a pinhole or thin lens.
     pub fn ray(&self, film_mm: DVec2, u: [f32; 2]) -> Result<LensRay, Blocked> {
         match self {
             Lens::Pinhole(lens) => Ok(lens.ray(film_mm)),
@@ -330,7 +330,7 @@ impl Lens {
         }
     }
 
-    /// The ray through the middle of the pupil.
+    /// The ray through the middle of the pupil. `film_mm` as for [`Lens::ray`]; `Err` where no light passes, or a calibrated camera sees nothing.
     pub fn chief_ray(&self, film_mm: DVec2) -> Result<LensRay, Blocked> {
         match self {
             Lens::Pinhole(lens) => Ok(lens.ray(film_mm)),

@@ -9,7 +9,8 @@ pub(crate) struct Cholesky {
 }
 
 impl Cholesky {
-    /// Of a matrix in rows of `size`; `None` where it is not positive definite. Source: Golub & Van Loan, "Matrix Computations", §4.2.
+    /// Of a matrix in rows of `size`; `None` where it is not positive definite. Source: Golub & Van Loan, "Matrix Computations",
+    /// §4.2. Panics unless `a` has `size`² numbers.
     pub fn new(mut a: Vec<f64>, size: usize) -> Option<Cholesky> {
         assert!(a.len() == size * size, "{} numbers for a matrix of {size} rows", a.len());
         for i in 0..size {
@@ -28,7 +29,7 @@ impl Cholesky {
         Some(Cholesky { lower: a, size })
     }
 
-    /// Solves for a right side, in place.
+    /// Solves for a right side, in place. `b`: a number for each row.
     pub fn solve(&self, b: &mut [f64]) {
         let (l, n) = (&self.lower, self.size);
         for i in 0..n {

@@ -84,7 +84,8 @@ impl Behind {
         self.array.lattice.within(sensor / self.magnification, self.image_radius / self.magnification)
     }
 
-    /// Draws a ray from a sensor point: a lens whose image may lie there, and a place in it. `None` where there is only dark.
+    /// Draws a ray from a sensor point: a lens whose image may lie there, and a place in it. `None` where there is only dark. Places are in
+    /// mm, `u` and `v` from 0 to 1.
     pub fn draw(&self, sensor: DVec2, [u, v]: [f32; 2]) -> Option<MicrolensSample> {
         let count = self.lenses(sensor).count();
         let scaled = u * count as f32;
@@ -98,13 +99,13 @@ impl Behind {
         self.array.gap.powi(2) / (count.max(1) as f64 * self.array.lattice.cell_area())
     }
 
-    /// The ray through the middle of the lens that belongs to a sensor point.
+    /// The ray through the middle of the lens that belongs to a sensor point, mm.
     pub fn middle(&self, sensor: DVec2) -> MicrolensSample {
         let lens = self.array.lattice.nearest(sensor / self.magnification);
         MicrolensSample { at: lens, slope: (lens - sensor) / self.array.gap, density: self.density_of(1) }
     }
 
-    /// Where light lands that comes to a place of the array with a slope.
+    /// Where on the sensor (mm) light lands that comes to a place of the array (mm) with a slope.
     pub fn lands(&self, at: DVec2, slope: DVec2) -> DVec2 {
         let lens = self.array.lattice.nearest(at);
         at - (slope + (at - lens) / self.array.focal_length) * self.array.gap

@@ -18,7 +18,7 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// From height `y` at the first surface with slope `u` before it; `n` as [`System::indices`].
+    /// From height `y` (mm) at the first surface with slope `u` before it; `n` as [`System::indices`].
     pub fn new(system: &System, n: &[f64], y: f64, u: f64) -> Trace {
         let mut heights = Vec::with_capacity(system.surfaces.len());
         let mut angles = vec![u];
@@ -38,7 +38,7 @@ impl Trace {
         Trace { heights, angles }
     }
 
-    /// Parallel to the axis at height 1.
+    /// Parallel to the axis at a height of 1 mm.
     pub fn axial(system: &System, n: &[f64]) -> Trace {
         Trace::new(system, n, 1.0, 0.0)
     }

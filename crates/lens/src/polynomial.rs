@@ -49,7 +49,8 @@ pub struct Polynomial {
 pub(crate) type Local = (f64, f64, f64);
 
 impl Polynomial {
-    /// `norm_mm`: the length of u = 1. Fails on figures that are no polynomial.
+    /// `norm_mm`: the length of u = 1. Fails on one that is not above 0 and below 10⁶, on numbers that are not finite, and on more terms or higher
+    /// powers than are traced (powers: [`HIGHEST_POWER`] together).
     pub fn new(norm_mm: f64, terms: Terms) -> Result<Polynomial, String> {
         if !(norm_mm > 0.0 && norm_mm < 1e6) {
             return Err(format!("normalisation radius {norm_mm}: expected a positive length in mm"));

@@ -220,7 +220,7 @@ impl PupilTable {
         PupilTable { layout, regions, middles: self.middles.scaled(scale), curvature: self.curvature * scale }
     }
 
-    /// Farthest that any region reaches from the axis.
+    /// Farthest that any region reaches from the axis. In q, a slope.
     pub fn reach(&self) -> f64 {
         let outlines = self.regions.iter().flat_map(|r| r.fan.outline());
         outlines.map(|p| p.length()).fold(0.0, f64::max)

@@ -71,7 +71,7 @@ pub struct Meeting {
 const TOLERANCE: f64 = 1e-13;
 
 impl Profile {
-    /// Curvature in the y–z plane at the vertex.
+    /// Curvature in the y–z plane at the vertex, 1/mm.
     pub fn curvature(&self) -> f64 {
         match self {
             Profile::Plane => 0.0,
@@ -104,7 +104,7 @@ impl Profile {
         }
     }
 
-    /// Curvature in the x–z plane at the vertex.
+    /// Curvature in the x–z plane at the vertex, 1/mm.
     pub fn curvature_x(&self) -> f64 {
         match self {
             Profile::Toroid { c_x, .. } | Profile::Biconic { c_x, .. } => *c_x,

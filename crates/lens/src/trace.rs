@@ -29,7 +29,8 @@ pub struct Event {
 impl System {
     /// Follows a ray through all surfaces. `n` holds the index of each gap at the ray's wavelength
     /// ([`System::indices`]). `visit` is told every surface passed, in the order in which the light (or its reverse) meets
-    /// them.
+    /// them. `Err` where the ray misses a surface, meets a rim, obstruction or iris that `apertures` counts, or is totally
+    /// reflected.
     pub fn trace_with(
         &self,
         ray: TracedRay,
@@ -41,7 +42,7 @@ impl System {
         self.trace_part(ray, n, way, apertures, 0..self.surfaces.len(), visit)
     }
 
-    /// [`System::trace_with`] through some neighbouring surfaces only.
+    /// [`System::trace_with`] through some neighbouring surfaces only. Fails as that.
     pub fn trace_part(
         &self,
         ray: TracedRay,
@@ -119,18 +120,18 @@ impl System {
         Ok(if way == TraceDirection::ToObject && surfaces.start == 0 { self.ray_to_object(end) } else { end })
     }
 
-    /// [`System::trace_with`] without a visitor.
+    /// [`System::trace_with`] without a visitor. Fails as that.
     pub fn trace(&self, ray: TracedRay, n: &[f64], way: TraceDirection, apertures: Apertures) -> Result<TracedRay, Blocked> {
         self.trace_with(ray, n, way, apertures, |_| {})
     }
 
     /// Fraction of the light that comes through: glass absorption, and reflection at every surface (Fresnel, unpolarised; a
-    /// coating as [`crate::coating`] says).
+    /// coating as [`crate::coating`] says). `Err` where the ray is blocked, rims and iris included.
     pub fn transmittance(&self, ray: TracedRay, n: &[f64], nm: f64, way: TraceDirection) -> Result<f64, Blocked> {
         Ok(self.trace_light(ray, n, nm, way)?.1)
     }
 
-    /// A ray behind the lens, and the [`System::transmittance`] along it.
+    /// A ray behind the lens, and the [`System::transmittance`] along it. `Err` where it is blocked.
     pub fn trace_light(&self, ray: TracedRay, n: &[f64], nm: f64, way: TraceDirection) -> Result<(TracedRay, f64), Blocked> {
         let mut fraction = 1.0;
         let absorption = self.absorption(nm);
@@ -150,7 +151,7 @@ impl System {
     }
 }
 
-/// Moves a ray along itself to a plane z = `z`.
+/// Point (mm) in which the line of a ray meets the plane z = `z` (mm); not finite where they are parallel.
 pub fn at_plane(ray: &TracedRay, z: f64) -> DVec3 {
     ray.position + ray.direction * ((z - ray.position.z) / ray.direction.z)
 }

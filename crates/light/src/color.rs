@@ -27,7 +27,7 @@ pub fn srgb_of_light(spectrum: impl Fn(f32) -> f32) -> Vec3 {
 }
 
 impl Table {
-    /// Linear sRGB of light of this spectrum, see [`srgb_of_light`].
+    /// Linear sRGB of light of this spectrum, cd/m² of a spectral radiance; see [`srgb_of_light`]. Computed once for each table.
     pub fn srgb_of_light(&self) -> Vec3 {
         *self.srgb_of_light.get_or_init(|| srgb_of_light(|nm| self.at(nm)))
     }
@@ -75,25 +75,25 @@ impl RgbSpace {
     }
 }
 
-/// XYZ (white with Y = 1) from linear RGB with these primaries and white (xy).
+/// XYZ (white with Y = 1) from linear RGB with these primaries (red, green, blue) and white, each CIE xy.
 pub fn xyz_from_primaries(primaries: [(f64, f64); 3], white: (f64, f64)) -> DMat3 {
     let [r, g, b] = primaries.map(xyz_from_xy);
     let p = DMat3::from_cols(r, g, b);
     p * DMat3::from_diagonal(p.inverse() * xyz_from_xy(white))
 }
 
-/// XYZ with Y = 1 of a chromaticity.
+/// XYZ with Y = 1 of a chromaticity CIE xy, y ≠ 0.
 pub fn xyz_from_xy((x, y): (f64, f64)) -> DVec3 {
     DVec3::new(x / y, 1.0, (1.0 - x - y) / y)
 }
 
-/// Chromaticity of XYZ.
+/// Chromaticity CIE xy of XYZ of any scale; not a number where X + Y + Z is 0.
 pub fn xy_from_xyz(xyz: DVec3) -> (f64, f64) {
     let sum = xyz.element_sum();
     (xyz.x / sum, xyz.y / sum)
 }
 
-/// Adapts XYZ seen under the first white to the second (linear Bradford transform, Lam 1985).
+/// Adapts XYZ seen under the first white to the second, each CIE xy (linear Bradford transform, Lam 1985).
 pub fn bradford(from_xy: (f64, f64), to_xy: (f64, f64)) -> DMat3 {
     if from_xy == to_xy {
         return DMat3::IDENTITY;
@@ -107,7 +107,7 @@ pub fn bradford(from_xy: (f64, f64), to_xy: (f64, f64)) -> DMat3 {
     cone.inverse() * DMat3::from_diagonal(gain) * cone
 }
 
-/// sRGB transfer function: display code in 0..1 from linear light. Source: IEC 61966-2-1.
+/// sRGB transfer function: display code in 0..1 from linear light in 0..1; goes on beyond, and is linear below 0. Source: IEC 61966-2-1.
 pub fn srgb_encode(linear: f32) -> f32 {
     if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
@@ -117,7 +117,7 @@ pub fn srgb_decode(code: f32) -> f32 {
     if code <= 0.040_45 { code / 12.92 } else { ((code + 0.055) / 1.055).powf(2.4) }
 }
 
-/// CIELAB (L*, a*, b*) of XYZ under a white. Source: CIE 015:2018 §8.2.1.
+/// CIELAB (L*, a*, b*) of XYZ under a white, both of one scale; L* is 100 for the white. Source: CIE 015:2018 §8.2.1.
 pub fn lab(xyz: DVec3, white: DVec3) -> DVec3 {
     let f = (xyz / white)
         .to_array()
@@ -125,7 +125,7 @@ pub fn lab(xyz: DVec3, white: DVec3) -> DVec3 {
     DVec3::new(116.0 * f[1] - 16.0, 500.0 * (f[0] - f[1]), 200.0 * (f[1] - f[2]))
 }
 
-/// Colour difference CIEDE2000 between two CIELAB colours, kL = kC = kH = 1.
+/// Colour difference CIEDE2000 between two CIELAB colours (L*, a*, b*), kL = kC = kH = 1; 1 is about what is just noticed.
 ///
 /// Source: Sharma, Wu & Dalal, "The CIEDE2000 color-difference formula", Color Res. Appl. 30 (2005), eqs. 2–22.
 pub fn delta_e_2000(lab1: DVec3, lab2: DVec3) -> f64 {

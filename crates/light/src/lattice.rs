@@ -17,7 +17,7 @@ impl Arrangement {
     /// Names and what they mean.
     pub const NAMES: [(&str, Arrangement); 2] = [("square", Arrangement::Square), ("hexagonal", Arrangement::Hexagonal)];
 
-    /// By name.
+    /// By name, one of [`Arrangement::NAMES`]; `None` for another.
     pub fn named(name: &str) -> Option<Arrangement> {
         Self::NAMES.into_iter().find(|n| n.0 == name).map(|n| n.1)
     }
@@ -40,7 +40,7 @@ pub struct Lattice {
 }
 
 impl Lattice {
-    /// Distance of rows.
+    /// Distance of rows, in the unit of the pitch.
     pub fn row_pitch(&self) -> f64 {
         match self.arrangement {
             Arrangement::Square => self.pitch,
@@ -48,12 +48,12 @@ impl Lattice {
         }
     }
 
-    /// Area of the cell around a point.
+    /// Area of the cell around a point, in the square of the unit of the pitch.
     pub fn cell_area(&self) -> f64 {
         self.pitch * self.row_pitch()
     }
 
-    /// Farthest that a place of a cell lies from its middle.
+    /// Farthest that a place of a cell lies from its middle, in the unit of the pitch.
     pub fn cell_radius(&self) -> f64 {
         match self.arrangement {
             Arrangement::Square => self.pitch * 0.5f64.sqrt(),
@@ -77,7 +77,7 @@ impl Lattice {
         (column(from).ceil() as i64..=column(to).floor() as i64).map(move |i| lattice.point(i, row))
     }
 
-    /// All points not farther than `reach` from a place.
+    /// All points not farther than `reach` from a place (both in the unit of the pitch), row by row.
     pub fn within(&self, at: DVec2, reach: f64) -> impl Iterator<Item = DVec2> + use<> {
         let (lattice, rows) = (*self, self.row_pitch());
         let row = |y: f64| (y - lattice.origin.y) / rows;
@@ -102,7 +102,7 @@ impl Lattice {
         }
     }
 
-    /// A place of the cell around a point, by two even numbers.
+    /// A place of the cell around a point, by two uniform numbers in [0, 1); uniform over its area.
     pub fn place_in_cell(&self, point: DVec2, [u, v]: [f32; 2]) -> DVec2 {
         // A box of a pitch and a row holds each place of a cell once, some of them as a neighbour's.
         let at = point + DVec2::new((u as f64 - 0.5) * self.pitch, (v as f64 - 0.5) * self.row_pitch());

@@ -1,6 +1,7 @@
 //! Names people type: what was probably meant.
 
-/// The known name nearest to a misspelt one, if one is near: for hints.
+/// The known name nearest to a misspelt one, if one is near, for hints: at most one edit (Levenshtein's distance, in either case), and one more for each three letters of
+/// the known name.
 pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let distance = |a: &str, b: &str| {
         let (a, b): (Vec<char>, Vec<char>) = (a.to_lowercase().chars().collect(), b.to_lowercase().chars().collect());

@@ -21,7 +21,8 @@ pub type Mueller = Mat4;
 /// What remains after an event that keeps nothing of the polarisation: I alone.
 pub const DEPOLARIZER: Mueller = Mat4::from_cols(Vec4::X, Vec4::ZERO, Vec4::ZERO, Vec4::ZERO);
 
-/// A Stokes vector in the frame of x axis `a` from one in the frame of x axis `b`, both of light along `k`; the axes need not be of unit length.
+/// A Stokes vector in the frame of x axis `a` from one in the frame of x axis `b`, both of light along the unit vector `k`; the axes are perpendicular to it and need not
+/// be of unit length. The identity where one of them is 0.
 pub fn a_from_b(a: Vec3, b: Vec3, k: Vec3) -> Mueller {
     // b = c a + s (k × a), up to lengths: the angle of b in the frame of a.
     let (c, s) = (a.dot(b), k.cross(a).dot(b));
@@ -37,7 +38,7 @@ pub fn rotation(cos2: f32, sin2: f32) -> Mueller {
     Mat4::from_cols(Vec4::X, Vec4::new(0.0, cos2, sin2, 0.0), Vec4::new(0.0, -sin2, cos2, 0.0), Vec4::W)
 }
 
-/// A linear polariser (diattenuator) whose axis is x, by the transmittances of light along x and along y.
+/// A linear polariser (diattenuator) whose axis is x, by the transmittances (0 to 1) of light along x and along y.
 pub fn linear_polarizer(along: f32, across: f32) -> Mueller {
     let (a, b, c) = (0.5 * (along + across), 0.5 * (along - across), (along * across).max(0.0).sqrt());
     Mat4::from_cols(Vec4::new(a, b, 0.0, 0.0), Vec4::new(b, a, 0.0, 0.0), Vec4::Z * c, Vec4::W * c)

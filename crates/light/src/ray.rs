@@ -14,7 +14,7 @@ pub struct Ray {
 }
 
 impl Ray {
-    /// Whether it is made of numbers.
+    /// Whether origin and direction are finite; its time is not looked at.
     pub fn is_finite(&self) -> bool {
         self.origin.is_finite() && self.direction.is_finite()
     }

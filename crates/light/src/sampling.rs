@@ -5,7 +5,7 @@
 use glam::{Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
 
-/// Uniform point of the unit disk, keeping neighbours together. Source: Shirley & Chiu 1997, as PBR A.5.1.
+/// Point of the unit disk by two numbers in [0, 1), uniform over its area (density 1/π), keeping neighbours together. Source: Shirley & Chiu 1997, as PBR A.5.1.
 #[inline]
 pub fn disk(u: [f32; 2]) -> Vec2 {
     let (a, b) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
@@ -31,21 +31,21 @@ fn sin_cos_of_octant(x: f32) -> (f32, f32) {
     (sin, cos)
 }
 
-/// Direction about +z with density cos θ / π.
+/// Unit direction about +z by two numbers in [0, 1), with density cos θ / π, 1/sr. Source: Malley's method, PBR A.5.3.
 #[inline]
 pub fn cosine_hemisphere(u: [f32; 2]) -> Vec3 {
     let d = disk(u);
     d.extend((1.0 - d.length_squared()).max(0.0).sqrt())
 }
 
-/// Uniform direction of the whole sphere; density 1/4π.
+/// Unit direction of the whole sphere by two numbers in [0, 1); density 1/4π, 1/sr. Source: PBR A.5.2.
 pub fn sphere(u: [f32; 2]) -> Vec3 {
     let z = 1.0 - 2.0 * u[0];
     let r = (1.0 - z * z).max(0.0).sqrt();
     Vec3::new(r * (TAU * u[1]).cos(), r * (TAU * u[1]).sin(), z)
 }
 
-/// Two directions that make a right-handed frame with a unit vector. Source: Duff et al. 2017, JCGT 6(1).
+/// The unit directions x and y that make a right-handed frame x, y, `n` with a unit vector. Source: Duff et al. 2017, JCGT 6(1).
 #[inline]
 pub fn frame(n: Vec3) -> (Vec3, Vec3) {
     let sign = 1f32.copysign(n.z);
@@ -66,7 +66,7 @@ pub struct Discrete {
 }
 
 impl Discrete {
-    /// Probabilities proportional to `weights`; uniform when they sum to nothing. Panics on an empty list.
+    /// Probabilities proportional to `weights` (at least 0); uniform when they sum to nothing. Panics on an empty list.
     pub fn new(weights: &[f32]) -> Self {
         assert!(!weights.is_empty(), "a distribution over nothing");
         let total: f64 = weights.iter().map(|w| *w as f64).sum();
@@ -101,13 +101,13 @@ impl Discrete {
         self.total
     }
 
-    /// Probability of an entry.
+    /// Probability of an entry. Panics on a number that is no entry's.
     #[inline]
     pub fn probability(&self, i: usize) -> f32 {
         self.cdf[i] - if i == 0 { 0.0 } else { self.cdf[i - 1] }
     }
 
-    /// Entry that belongs to `u`, and `u` stretched to [0, 1) within it.
+    /// Entry that belongs to `u` in [0, 1), and `u` stretched to [0, 1) within it.
     #[inline]
     pub fn sample(&self, u: f32) -> (usize, f32) {
         let part = ((u * (self.guide.len() - 1) as f32) as u32 as usize).min(self.guide.len() - 2);
@@ -136,14 +136,14 @@ pub struct Grid2 {
 }
 
 impl Grid2 {
-    /// Density proportional to `weights[row][column]`, `width` columns wide.
+    /// Density proportional to `weights` (at least 0, row by row, `width` in each; what is left of the last row is not used). Panics where there is no whole row.
     pub fn new(weights: &[f32], width: usize) -> Self {
         let rows: Vec<Discrete> = weights.chunks_exact(width).map(Discrete::new).collect();
         let marginal = Discrete::new(&rows.iter().map(|r| r.total() as f32).collect::<Vec<_>>());
         Grid2 { rows, marginal, width }
     }
 
-    /// Point (x, y) of the unit square and its density.
+    /// Point (x to the right, y down the rows) of the unit square by two numbers in [0, 1), and its density; the integral over the square is 1.
     pub fn sample(&self, u: [f32; 2]) -> (Vec2, f32) {
         let (row, v) = self.marginal.sample(u[1]);
         let (column, w) = self.rows[row].sample(u[0]);
@@ -151,7 +151,7 @@ impl Grid2 {
         (p, self.density(row, column))
     }
 
-    /// Density at a point of the unit square.
+    /// Density at a point of the unit square, the same that [`Grid2::sample`] gives; points beyond count as those of the edge.
     pub fn pdf(&self, p: Vec2) -> f32 {
         let cell = |x: f32, n: usize| ((x * n as f32).max(0.0) as usize).min(n - 1);
         self.density(cell(p.y, self.rows.len()), cell(p.x, self.width))

@@ -54,7 +54,7 @@ impl Spectrum {
         Spectrum::RgbLight { scale, color: Sigmoid::from_rgb(rgb / scale) }
     }
 
-    /// Value at one wavelength in nm.
+    /// Value at one wavelength in nm, in the unit of what it is a spectrum of; 380–780 nm is what is used.
     pub fn at(&self, nm: f32) -> f32 {
         match self {
             Spectrum::Constant(value) => *value,
@@ -64,7 +64,7 @@ impl Spectrum {
         }
     }
 
-    /// The same of light: where a path carries colours, its colour.
+    /// The same of light: where a path carries colours ([`Wavelengths::rgb`]), its linear sRGB in cd/m² of a radiance.
     #[inline]
     pub fn sample_light(&self, wavelengths: &Wavelengths) -> Sampled {
         match self {
@@ -77,7 +77,7 @@ impl Spectrum {
         }
     }
 
-    /// Values at the wavelengths of a path.
+    /// Values at the four wavelengths of a path.
     #[inline]
     pub fn sample(&self, wavelengths: &Wavelengths) -> Sampled {
         match self {
@@ -93,7 +93,7 @@ impl Spectrum {
     }
 }
 
-/// Spectral radiance of a black body, W·m⁻²·sr⁻¹·nm⁻¹, at `nm` and `kelvin`.
+/// Spectral radiance of a black body, W·m⁻²·sr⁻¹·nm⁻¹, at a wavelength `nm` and a temperature `kelvin`, both above 0.
 ///
 /// L = 2hc²/λ⁵ · 1/(exp(hc/λkT) − 1). Source: Planck's law.
 pub fn blackbody(nm: f32, kelvin: f32) -> f32 {
@@ -102,7 +102,7 @@ pub fn blackbody(nm: f32, kelvin: f32) -> f32 {
     (2.0 * PLANCK * SPEED_OF_LIGHT * SPEED_OF_LIGHT / lambda.powi(5) / x.exp_m1() * 1e-9) as f32
 }
 
-/// A black body's spectrum scaled to a luminance of `nits` (cd/m²), 380–780 nm at 5 nm.
+/// Spectral radiance of a black body of `kelvin` (> 0), scaled to a luminance of `nits` (cd/m²), 380–780 nm at 5 nm.
 pub fn blackbody_with_luminance(kelvin: f32, nits: f32) -> Spectrum {
     let table = Table::new(380.0, 5.0, (0..=80).map(|i| blackbody(380.0 + 5.0 * i as f32, kelvin)).collect());
     let own = luminance(|nm| table.at(nm)) as f32;

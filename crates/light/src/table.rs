@@ -43,12 +43,12 @@ impl Table {
         self.per_nm
     }
 
-    /// The values, evenly spaced.
+    /// The values, from the shortest wavelength up, evenly spaced.
     pub fn values(&self) -> &[f32] {
         &self.values
     }
 
-    /// A table at 5 nm, 380–780 nm, through unevenly spaced `(nm, value)` points in rising order.
+    /// A table at 5 nm, 380–780 nm, through unevenly spaced `(nm, value)` points in rising order, linear between them and constant beyond. Panics without points.
     pub fn from_points(points: &[(f32, f32)]) -> Self {
         let at = |nm: f32| match points.iter().position(|p| p.0 >= nm) {
             Some(0) => points[0].1,
@@ -61,7 +61,7 @@ impl Table {
         Table::new(380.0, 5.0, (0..=80).map(|i| at(380.0 + 5.0 * i as f32)).collect())
     }
 
-    /// Value at a wavelength in nm.
+    /// Value at a wavelength in nm: linear between values, constant beyond the ends.
     #[inline]
     pub fn at(&self, nm: f32) -> f32 {
         let x = ((nm - self.first_nm) * self.per_nm).max(0.0);

@@ -92,7 +92,7 @@ impl Sigmoid {
         Sigmoid { c, rgb }
     }
 
-    /// Reflectance at a wavelength in nm.
+    /// Reflectance, 0 to 1, at a wavelength in nm.
     #[inline]
     pub fn at(&self, nm: f32) -> f32 {
         let x = (nm - 580.0) / 200.0;
@@ -100,7 +100,7 @@ impl Sigmoid {
         0.5 + 0.5 * p / (1.0 + p * p).sqrt()
     }
 
-    /// Reflectance at the wavelengths of a path.
+    /// Reflectance, 0 to 1, at the wavelengths of a path; the colour itself in RGB lanes.
     #[inline]
     pub fn sample(&self, wavelengths: &Wavelengths) -> Sampled {
         if wavelengths.is_rgb() {

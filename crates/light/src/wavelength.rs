@@ -59,7 +59,7 @@ impl Wavelengths {
 
     /// What the throughput is multiplied by where a body disperses and the path goes on with its hero alone: of the four ways to draw this
     /// path only the hero's is left, so the balance heuristic's weight, the hero's density over the sum of all, is divided out. 4 where
-    /// all had the same density. Source: Wilkie et al. 2014, eq. 5; pbrt-v4's `TerminateSecondary` is the case of equal densities.
+    /// all had the same density. Source: Wilkie et al. 2014, eq. 5; pbrt-v4's `TerminateSecondary` is the case of equal densities. The other lanes are 0.
     #[inline]
     pub fn hero_only(&self) -> Sampled {
         Vec4::new(self.hero_factor, 0.0, 0.0, 0.0)
@@ -83,7 +83,7 @@ impl Wavelengths {
         self.rgb
     }
 
-    /// A linear sRGB colour as lanes ([`Wavelengths::rgb`]).
+    /// A linear sRGB colour as lanes ([`Wavelengths::rgb`]): red, green, blue, and green again.
     #[inline]
     pub fn lanes(rgb: glam::Vec3) -> Sampled {
         Vec4::new(rgb.x, rgb.y, rgb.z, rgb.y)
@@ -112,8 +112,7 @@ pub struct WavelengthSampler {
 }
 
 impl WavelengthSampler {
-    /// Density proportional to the sum over bands of |response|, each band of equal weight. Falls back to uniform when
-    /// nothing responds.
+    /// Density over 380–780 nm proportional to the sum over bands of |response|, each band of equal weight. Falls back to uniform when nothing responds.
     pub fn for_bands(bands: &[Table]) -> Self {
         let center = |bin: usize| FIRST_NM + bin as f32 + 0.5;
         let mut density = vec![0.0f64; BINS];
@@ -157,7 +156,7 @@ impl WavelengthSampler {
         Self::for_bands(&[Table::new(FIRST_NM, 1.0, vec![1.0])])
     }
 
-    /// The four wavelengths that belong to the uniform number `u` in [0, 1).
+    /// The four wavelengths (nm) that belong to the uniform number `u` in [0, 1), with their weights 1 / (4 density).
     #[inline]
     pub fn sample(&self, u: f32) -> Wavelengths {
         if self.rgb {
@@ -179,7 +178,7 @@ impl WavelengthSampler {
         Wavelengths::new(Vec4::from_array(nm), Vec4::from_array(weight))
     }
 
-    /// Probability density per nm at a wavelength.
+    /// Probability density at a wavelength (nm), 1/nm; 0 outside 380–780 nm.
     pub fn pdf(&self, nm: f32) -> f32 {
         let bin = nm - FIRST_NM;
         if (0.0..BINS as f32).contains(&bin) { self.pdf[bin as usize] } else { 0.0 }

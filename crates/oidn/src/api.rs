@@ -34,7 +34,8 @@ macro_rules! functions {
         }
 
         impl Api {
-            /// Opens a library: a file, or a name that the system looks up.
+            /// Opens a library: a file, or a name that the system looks up. Fails where it cannot be opened or lacks a function
+            /// of version 2.
             pub fn open(path: &Path) -> Result<Self, OpenError> {
                 // SAFETY: opening a library runs its initialisers. The paths that come here are the library's own names, or what the user gave
                 // as the library.
@@ -109,7 +110,7 @@ unsafe impl Send for Device {}
 unsafe impl Sync for Device {}
 
 impl Device {
-    /// The processor, not yet committed.
+    /// The processor, not yet committed. Fails with the library's reason where it makes none.
     pub fn cpu(api: Api) -> Result<Self, String> {
         // SAFETY: a number of the header's enumeration.
         let handle = unsafe { (api.new_device)(CPU) };
@@ -137,6 +138,7 @@ impl Device {
         unsafe { (self.api.get_device_int)(self.handle.as_ptr(), name.as_ptr()) }
     }
 
+    /// Makes its settings count. Fails with the first error that the library keeps, that of a name it does not know among them.
     pub fn commit(&self) -> Result<(), String> {
         // SAFETY: the device is not released.
         unsafe { (self.api.commit_device)(self.handle.as_ptr()) };
@@ -163,7 +165,7 @@ pub struct Filter<'d, 'i> {
 }
 
 impl<'d, 'i> Filter<'d, 'i> {
-    /// The filter for ray-traced pictures (`RT`).
+    /// The filter for ray-traced pictures (`RT`). The device is committed. Fails with the library's reason where it makes none.
     pub fn ray_traced(device: &'d Device) -> Result<Self, String> {
         // SAFETY: a committed device and a terminated string.
         let handle = unsafe { (device.api.new_filter)(device.handle.as_ptr(), c"RT".as_ptr()) };
@@ -173,13 +175,13 @@ impl<'d, 'i> Filter<'d, 'i> {
         }
     }
 
-    /// An image that is read, `[row][column][3]`.
+    /// An image that is read, `[row][column][3]`. Panics unless the numbers are width × height × 3.
     pub fn set_input(&mut self, name: &CStr, data: &'i [f32], size: [usize; 2]) {
         // The library takes one kind of pointer for all images, and reads from those that are inputs.
         self.set_image(name, data.as_ptr().cast_mut(), data.len(), size);
     }
 
-    /// The image that is written, `[row][column][3]`.
+    /// The image that is written, `[row][column][3]`. Panics unless the numbers are width × height × 3.
     pub fn set_output(&mut self, data: &'i mut [f32], size: [usize; 2]) {
         self.set_image(c"output", data.as_mut_ptr(), data.len(), size);
     }
@@ -203,13 +205,14 @@ impl<'d, 'i> Filter<'d, 'i> {
         unsafe { (self.device.api.set_filter_int)(self.handle.as_ptr(), name.as_ptr(), value) }
     }
 
+    /// Makes its images and settings count. Fails with the first error that the library keeps.
     pub fn commit(&mut self) -> Result<(), String> {
         // SAFETY: the filter is not released.
         unsafe { (self.device.api.commit_filter)(self.handle.as_ptr()) };
         self.device.error()
     }
 
-    /// Filters, and returns when it is done.
+    /// Filters, and returns when it is done. Fails with the library's reason.
     pub fn execute(&mut self) -> Result<(), String> {
         // SAFETY: the filter is committed; its images are valid as said in `set_image`.
         unsafe { (self.device.api.execute_filter)(self.handle.as_ptr()) };

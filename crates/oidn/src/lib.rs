@@ -110,6 +110,7 @@ impl std::fmt::Debug for Denoiser {
 impl Denoiser {
     /// Opens the first library of `candidates` that can be opened and is of version 2: files, or bare names that the system looks up. The device uses
     /// `threads` threads (0: as many as the machine has). A library that opens and then fails is an error, not a reason to try the next.
+    /// Fails, too, where none can be used, and says why of each.
     pub fn open(candidates: &[PathBuf], threads: usize) -> Result<Self, Error> {
         let mut tried = Vec::new();
         for path in candidates {
@@ -154,7 +155,8 @@ impl Denoiser {
         &self.library
     }
 
-    /// Filters an image (`RT` filter, HDR); `out` is `[row][column][3]`.
+    /// Filters an image (`RT` filter, HDR); `out` is `[row][column][3]`. Fails on an image of another size, and with the library's reason where the
+    /// filter cannot be made or run.
     pub fn denoise(&self, images: &Images, quality: Quality, out: &mut [f32]) -> Result<(), Error> {
         let expected = images.width.saturating_mul(images.height).saturating_mul(3);
         let given =

@@ -113,14 +113,14 @@ impl Medium {
         self.volume.is_none() && !self.is_subsurface && !self.scattering.is_none()
     }
 
-    /// One that only absorbs: white light has the colour after the distance (m).
+    /// One that only absorbs: white light has the colour after the distance (m, > 0), by the law of Beer and Lambert.
     pub fn tint(color: Sigmoid, distance_m: f32) -> Self {
         Medium { absorption: Coefficient::Tint { color, distance_m }, ..Medium::default() }
     }
 
-    /// Fog in which dark things are seen against the sky up to `visibility_m` with a contrast of 2 %: σt = 3.912 / V (H. Koschmieder 1924).
+    /// Fog in which dark things are seen against the sky up to `visibility_m` (> 0) with a contrast of 2 %: σt = 3.912 / V (H. Koschmieder 1924).
     ///
-    /// `albedo`: fraction of what is met that is scattered. Droplets throw light forward: an `asymmetry` of about 0.85 (D. Deirmendjian 1969).
+    /// `albedo`: fraction (0 to 1) of what is met that is scattered. Droplets throw light forward: an `asymmetry` (mean cosine) of about 0.85 (D. Deirmendjian 1969).
     pub fn fog(visibility_m: f32, albedo: f32, asymmetry: f32) -> Self {
         let extinction = 3.912 / visibility_m;
         Medium {

@@ -277,7 +277,7 @@ impl<'a> Timeline<'a> {
         })
     }
 
-    /// Whether a node may be elsewhere at another moment.
+    /// Whether a node may be elsewhere at another moment. Panics on a number that is no node's.
     pub fn moves(&self, node: u32) -> bool {
         self.moves[node as usize]
     }
@@ -329,7 +329,7 @@ impl<'a> Timeline<'a> {
         parts.matrix()
     }
 
-    /// Where a node is at a moment (s).
+    /// Where a node is at a moment of the scene (s), in the world. Panics on a number that is no node's, and where nodes hang on themselves.
     pub fn world(&self, node: u32, time_s: f64) -> Affine3A {
         self.chain(node).fold(Affine3A::IDENTITY, |below, n| self.local(n, time_s) * below)
     }
@@ -349,7 +349,7 @@ impl<'a> Timeline<'a> {
         (to > from && open_s >= from && spans.all(|s| s == first)).then_some((from, to - from))
     }
 
-    /// Moments within an interval at which the way of a node (or of a deformer's mesh) may have a kink, at most `limit` of them.
+    /// Moments (s, in no order) within an interval at which the way of a node (or of a deformer's mesh) may have a kink, at most `limit` of them.
     pub fn kinks(&self, nodes: impl IntoIterator<Item = u32>, open_s: f64, close_s: f64, limit: usize) -> Vec<f64> {
         let mut moments = Vec::new();
         let mut seen = std::collections::HashSet::new();
@@ -376,7 +376,7 @@ impl<'a> Timeline<'a> {
         moments
     }
 
-    /// A deformer's mesh at a moment, in world space.
+    /// A deformer's mesh at a moment (s), in world space, m.
     pub fn pose(&self, deformer: &Deformer, mesh: &Mesh, time_s: f64) -> Pose {
         let mut pose = Pose { positions: mesh.positions.clone(), normals: mesh.normals.clone(), tangents: mesh.tangents.clone() };
         let animated = self.tracks[deformer.node as usize].weights;
@@ -441,7 +441,8 @@ impl Channel {
         if self.interpolation == KeyInterpolation::Cubic { per_key / 3 } else { per_key }
     }
 
-    /// The value at a moment (s); rotations are unit quaternions.
+    /// The value at a moment (s): as many numbers as the property has, translations in m, rotations unit quaternions x, y, z, w; those of the first and last key beyond
+    /// them.
     pub fn at(&self, time_s: f64) -> Vec<f32> {
         let (times, width) = (&self.times_s, self.width());
         let cubic = self.interpolation == KeyInterpolation::Cubic;
@@ -486,7 +487,8 @@ impl Channel {
         }
     }
 
-    /// What is wrong with the key frames of a file, or `Ok` with what was set right: times that were not in order.
+    /// What is wrong with the key frames of a file, or `Ok` with what was set right: times that were not in order. Fails without keys, with a time below 0, with a number
+    /// that is not finite, or with numbers that do not fit the keys.
     pub fn check(&mut self) -> Result<Option<String>, String> {
         let keys = self.times_s.len();
         if keys == 0 {

@@ -42,12 +42,12 @@ pub fn noise(p: Vec3) -> f32 {
     mix(mix(along(0, 0), along(1, 0), wy), mix(along(0, 1), along(1, 1), wy), wz)
 }
 
-/// Octaves of noise added, each weaker by `roughness`.
+/// Octaves of noise added, each weaker by `roughness` and finer by 1.99; 0 without octaves.
 pub fn fbm(p: Vec3, roughness: f32, octaves: u32) -> f32 {
     octaves_of(p, roughness, octaves, |n| n).0
 }
 
-/// Octaves of the magnitude of noise: creases where it passes 0.
+/// Octaves of the magnitude of noise, at least 0: creases where it passes 0. `roughness` as of [`fbm`].
 pub fn wrinkled(p: Vec3, roughness: f32, octaves: u32) -> f32 {
     let (sum, next) = octaves_of(p, roughness, octaves, f32::abs);
     // What finer octaves have on average.
@@ -65,12 +65,12 @@ fn octaves_of(mut p: Vec3, roughness: f32, octaves: u32, of: impl Fn(f32) -> f32
     (sum, strength)
 }
 
-/// Waves raised by gusts.
+/// Height of waves raised by gusts, without unit.
 pub fn windy(p: Vec3) -> f32 {
     fbm(p * 0.1, 0.5, 3).abs() * fbm(p, 0.5, 6)
 }
 
-/// Veins of marble, linear sRGB.
+/// Veins of marble along y, linear sRGB; `variation` bends them by noise of `octaves` and `roughness` as of [`fbm`].
 pub fn marble(p: Vec3, roughness: f32, octaves: u32, variation: f32) -> Vec3 {
     const GREY: [f32; 3] = [0.58, 0.58, 0.6];
     const COLORS: [[f32; 3]; 9] = [GREY, GREY, GREY, [0.5, 0.5, 0.5], [0.6, 0.59, 0.58], GREY, GREY, [0.2, 0.2, 0.33], GREY];
@@ -82,7 +82,7 @@ pub fn marble(p: Vec3, roughness: f32, octaves: u32, variation: f32) -> Vec3 {
     1.5 * (a * (s * s * s) + b * (3.0 * s * s * t) + c * (3.0 * s * t * t) + d * (t * t * t))
 }
 
-/// Whether a place of the plane lies in one of the dots that are strewn on it.
+/// Whether a place of the plane lies in one of the dots (radius 0.35) that are strewn on it, at most one in each unit square.
 pub fn dotted(s: f32, t: f32) -> bool {
     const RADIUS: f32 = 0.35;
     let plane = |x: f32, y: f32| noise(Vec3::new(x, y, 0.5));

@@ -132,7 +132,8 @@ impl Scene {
         self.description.playing.frozen_at_s.unwrap_or(self.posed.open_s + f64::from(time_s))
     }
 
-    /// Places a free node ([`crate::motion::Node::free`]). What hangs on it follows at the next [`Scene::pose`]. Panics on a number that is no free node's.
+    /// Places a free node ([`crate::motion::Node::free`]) in the world, m. What hangs on it follows at the next [`Scene::pose`]. Panics on a number that is no free
+    /// node's.
     pub fn place_node(&mut self, node: u32, world_from_node: Affine3A) {
         let node = &mut Arc::make_mut(&mut self.description).nodes[node as usize];
         assert!(node.free && node.parent.is_none(), "node \"{}\" is not free", node.name);
@@ -179,7 +180,7 @@ impl Scene {
         &self.posed.lights
     }
 
-    /// The box around everything, as it is when the exposure begins; what hangs on free nodes is left out.
+    /// The box around everything in the world, m, as it is when the exposure begins; what hangs on free nodes is left out.
     pub fn bounds(&self) -> Bounds {
         self.built.top.bounds().union(self.posed.animated.opening_bounds())
     }
@@ -199,7 +200,7 @@ impl Scene {
         self.description.splats.iter().map(|s| s.len()).sum()
     }
 
-    /// Bytes held by (meshes, curves and splats, hierarchies).
+    /// Bytes held: by meshes, curves and splats together, and by hierarchies.
     pub fn memory(&self) -> (usize, usize) {
         let meshes: usize = self.description.meshes.iter().map(|m| m.memory()).sum();
         let curves: usize = self.description.curves.iter().map(|c| c.memory()).sum();

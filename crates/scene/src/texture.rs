@@ -118,7 +118,7 @@ impl Texture {
         side(m.row(0).length(), self.image.width).min(side(m.row(1).length(), self.image.height))
     }
 
-    /// RGBA at texture coordinates; linear.
+    /// RGBA at texture coordinates; linear. All 0 where they are not finite, and beyond the edge of [`Wrap::Black`].
     pub fn at(&self, uv: &[Vec2; 2]) -> Vec4 {
         let p = self.image_from_uv.transform_point2(uv[self.uv_set.min(1)]);
         if !p.is_finite() {
@@ -162,7 +162,7 @@ pub struct MeasuredColor {
 }
 
 impl Color {
-    /// A constant colour.
+    /// A constant colour, linear sRGB, 0 to 1.
     pub fn rgb(r: f32, g: f32, b: f32) -> Self {
         let rgb = Vec3::new(r, g, b);
         Color::Constant { rgb, sigmoid: Sigmoid::from_rgb(rgb) }
@@ -174,7 +174,7 @@ impl Color {
         Color::Spectrum(Arc::new(MeasuredColor { spectrum, rgb }))
     }
 
-    /// Reflectance at the wavelengths of a path; the colours of the mesh's vertices multiply it.
+    /// Reflectance at the wavelengths of a path, 0 to 1; the colours of the mesh's vertices multiply it, but for measured reflectances.
     #[inline]
     pub fn sample(&self, surface: &Surface, wavelengths: &Wavelengths) -> Sampled {
         match self {
@@ -185,7 +185,7 @@ impl Color {
         }
     }
 
-    /// Linear sRGB at a surface point (for the albedo plane; measured reflectances through D65).
+    /// Linear sRGB at a surface point, times the colour of the mesh's vertices (for the albedo plane; measured reflectances through D65, alone).
     pub fn linear_srgb(&self, surface: &Surface) -> Vec3 {
         match self {
             Color::Constant { rgb, .. } => *rgb * surface.color.truncate(),

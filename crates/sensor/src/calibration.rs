@@ -10,7 +10,8 @@ use diopter_light::color::{D50_XY, bradford, xy_from_xyz, xyz_from_xy, xyz_of};
 use diopter_light::spectrum::Table;
 use glam::{DMat3, DMat4, DVec3, DVec4};
 
-/// Signals of a sensor's channels (up to four; the rest 0) for light of a spectrum, on an even field.
+/// Signals of a sensor's channels (up to four; the rest 0) for light of a spectrum, on an even field. The spectrum is summed from
+/// 380 to 780 nm, each nm.
 pub fn signals(sensor: &Sensor, responses: &[Table], spectrum: &dyn Fn(f32) -> f32) -> DVec4 {
     let alone: Vec<f64> =
         responses.iter().map(|r| (380..=780).map(|nm| nm as f32).map(|nm| (r.at(nm) * spectrum(nm)) as f64).sum()).collect();

@@ -255,7 +255,8 @@ fn slope(points: impl Iterator<Item = (f64, f64)>) -> f64 {
 }
 
 /// Runs the measurement. `keep` gets every picture, those of one exposure after each other. Of a sensor with a second reading the
-/// first is measured alone: joined they are not linear in their noise, which the standard's linear model asks for.
+/// first is measured alone: joined they are not linear in their noise, which the standard's linear model asks for. Fails on a
+/// channel, size, stack, exposure time, ISO or wavelength that cannot be measured, and where `keep` does.
 pub fn measure(
     sensor: &Sensor,
     conditions: &Conditions,

@@ -119,7 +119,7 @@ fn polynomial<const N: usize>(coefficients: &[f64; N], x: f64) -> f64 {
 const EXPANDED_FROM: f64 = 24.0;
 
 /// The count of a Poisson distribution below which a fraction `u` lies. Exact (to the 52 bits of `u`) for means below 24, by
-/// summing probabilities; by an expansion above.
+/// summing probabilities; by an expansion above. `u`: 0 to 1, both excluded.
 #[inline]
 pub fn poisson_quantile(mean: f64, u: f64) -> f64 {
     if mean >= EXPANDED_FROM {

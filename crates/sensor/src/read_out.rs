@@ -90,8 +90,8 @@ pub struct Expected {
 }
 
 impl<'a> ReadOut<'a> {
-    /// Prepares to read a plane of a size that was exposed for a time. Fails when the ISO is outside the body's or the bands are
-    /// not this sensor's channels in electrons.
+    /// Prepares to read a plane of a size that was exposed for a time. Fails when the ISO is outside the body's, the temperature outside
+    /// −273.15 to 200 °C, or the bands are not this sensor's channels in electrons.
     pub fn new(
         sensor: &'a Sensor,
         reading: &Reading,
@@ -226,7 +226,8 @@ impl<'a> ReadOut<'a> {
         }
     }
 
-    /// Mean electrons of light in a row of the mosaic of any quantity that is linear in light: such as the error of the mean.
+    /// Mean electrons of light in a row of the mosaic of any quantity that is linear in light: such as the error of the mean. The window as
+    /// for [`ReadOut::rows`].
     pub fn through_filters(&self, window: &Window, row: usize) -> Vec<f64> {
         let mut light = vec![0.0; self.width];
         self.light(window, row, &mut light);
@@ -300,7 +301,7 @@ impl<'a> ReadOut<'a> {
     }
 
     /// The first half of [`ReadOut::rows`]: electrons counted in rows `first..`, before any well is full. Those of the whole
-    /// picture can then [`ReadOut::bloom`].
+    /// picture can then [`ReadOut::bloom`]. `to`: e⁻, whole rows.
     pub fn electrons(&self, window: &Window, first: usize, to: &mut [f32]) {
         to.par_chunks_mut(self.width).enumerate().for_each_init(
             || Row::new(self.width),
@@ -311,14 +312,15 @@ impl<'a> ReadOut<'a> {
         );
     }
 
-    /// Lets the wells of a whole picture flow over, if this sensor's do.
+    /// Lets the wells of a whole picture (e⁻, `[row][column]`) flow over, if this sensor's do.
     pub fn bloom(&self, electrons: &mut [f32]) {
         if self.sensor.blooming {
             bloom(electrons, self.width, self.sensor.full_well_e as f32);
         }
     }
 
-    /// The second half of [`ReadOut::rows`]: numbers of rows `first..` from their electrons.
+    /// The second half of [`ReadOut::rows`]: numbers of rows `first..` from their electrons. Not for sensors with a second reading, whose
+    /// electrons are not among them.
     pub fn numbers(&self, first: usize, electrons: &[f32], to: &mut [u16]) {
         to.par_chunks_mut(self.width).zip(electrons.par_chunks(self.width)).enumerate().for_each(|(i, (to, line))| {
             let line = line.iter().map(|v| f64::from(*v)).collect();
@@ -326,7 +328,7 @@ impl<'a> ReadOut<'a> {
         });
     }
 
-    /// What is expected of the pixels of a row. What blooms from elsewhere is not in it.
+    /// What is expected of the pixels of a row. What blooms from elsewhere is not in it. The window as for [`ReadOut::rows`].
     pub fn expected(&self, window: &Window, row: usize) -> Vec<Expected> {
         let (s, step) = (self.sensor, &self.step);
         let rounding = (step.gain_e_per_dn * step.digital_gain).powi(2) / 12.0;
@@ -404,7 +406,7 @@ fn bloom(electrons: &mut [f32], width: usize, full_well: f32) {
     electrons.iter_mut().for_each(|e| *e = e.min(full_well));
 }
 
-/// Reads a whole exposure out. `white` is the spectrum of [`Reading::white`].
+/// Reads a whole exposure out. `white` is the spectrum of [`Reading::white`]. Fails as [`ReadOut::new`].
 pub fn read_out(plane: &FocalPlane, sensor: &Sensor, reading: &Reading, white: &Table) -> Result<RawImage, SensorError> {
     let (width, height) = (plane.width(), plane.height());
     let reader = ReadOut::new(sensor, reading, [width, height], &plane.bands, plane.facts.exposure_s)?.with_rows_of(&plane.facts);

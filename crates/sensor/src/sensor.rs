@@ -169,7 +169,7 @@ impl Sensor {
         BODIES.iter().map(|b| b.0)
     }
 
-    /// An embedded body.
+    /// An embedded body. Fails on an unknown name, with the nearest or all of them.
     pub fn named(name: &str) -> Result<Sensor, SensorError> {
         match BODIES.iter().find(|b| b.0.eq_ignore_ascii_case(name)) {
             Some((key, text)) => Sensor::parse(text, key),
@@ -243,7 +243,7 @@ impl Sensor {
     }
 
     /// Gain and noise at an ISO speed, between the measured settings on straight lines of their logarithms; the noise of a pixel
-    /// with two conversion gains not across its switch.
+    /// with two conversion gains not across its switch. Fails more than 2 % outside the range of the sheet.
     pub fn at_iso(&self, iso: f64) -> Result<IsoStep, SensorError> {
         let (first, last) = (self.iso[0], self.iso[self.iso.len() - 1]);
         // Settings are nominal: 100 is taken for 99.6.
@@ -328,7 +328,7 @@ impl Sensor {
 }
 
 /// The saturation capacity that EMVA 1288 finds (the mean at which the temporal variance is largest) where counting stops
-/// at `limit_e`, with a dark noise of `dark_noise_e`: a few deviations below the limit.
+/// at `limit_e`, with a dark noise of `dark_noise_e`: a few deviations below the limit. All in e⁻.
 pub fn saturation_capacity(limit_e: f64, dark_noise_e: f64) -> f64 {
     let variance = |mean: f64| {
         let s2 = mean + dark_noise_e * dark_noise_e;

@@ -160,7 +160,7 @@ impl Checks<'_> {
 }
 
 impl Sensor {
-    /// Reads a data sheet; `place` names it in errors.
+    /// Reads a data sheet; `place` names it in errors. Fails on what is no such sheet and on numbers out of their ranges.
     pub fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
         let s: Sheet = toml::from_str(text)
             .map_err(|e| SensorError::Parse { place: place.into(), reason: e.to_string().trim_end().to_owned() })?;

@@ -105,7 +105,7 @@ fn section(lens: &CompoundLens, fields_deg: Vec<f64>) -> String {
     layout(&bench, &LayoutOptions { title: String::new(), fields_deg, nm: NM, rays: RAYS, width: WIDTH }).to_svg()
 }
 
-/// An embedded lens in section, fully open at infinity.
+/// An embedded lens in section, fully open at infinity. Fails on a name that is not embedded.
 pub fn drawing_of(name: &str) -> Result<String, ShotError> {
     // Names only: files are the shot's matter, and checked there.
     let prescription = diopter::lens::embedded(name).ok_or_else(|| ShotError::Value {

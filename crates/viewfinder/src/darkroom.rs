@@ -123,7 +123,7 @@ impl Darkroom {
         })
     }
 
-    /// Queues a picture, or all of a series; answers with the number of the first. A series that has no room is not begun.
+    /// Queues a picture, or all of a series; answers with the number of the first. Fails where there is no room for all of them: a series is not begun then.
     pub fn queue(&self, shot: ShotFile, series: Option<Series>) -> Result<u64, Problem> {
         let count = series.as_ref().map_or(1, Series::count);
         let mut inside = lock(&self.inside);

@@ -162,7 +162,7 @@ fn prepare(before: &mut Option<Shot>, file: &ShotFile, warn: &mut dyn FnMut(&str
     }
 }
 
-/// A shot whose lens is set many times a second.
+/// A shot whose lens is set many times a second. Fails as [`Shot::prepare`].
 pub fn prepared(file: &ShotFile, warn: &mut dyn FnMut(&str)) -> Result<Shot, ShotError> {
     Shot::prepare_with(file, Inputs { draft: true, ..Default::default() }, warn)
 }

@@ -75,7 +75,8 @@ impl Guard {
         same == 0 && token.len() == self.token.len()
     }
 
-    /// Checks where a request comes from: every one, before anything else is looked at.
+    /// Checks where a request comes from: every one, before anything else is looked at. Fails unless `Host` is the loopback's with this port, and `Origin`, where there
+    /// is one, is the same.
     pub fn check_origin(&self, headers: &HeaderMap) -> Result<(), Refused> {
         let mut hosts = headers.get_all(HOST).iter();
         let (Some(host), None) = (hosts.next(), hosts.next()) else { return Err(Refused::Host) };
@@ -93,7 +94,7 @@ impl Guard {
         Ok(())
     }
 
-    /// Checks that a request has the token, as a cookie or a header.
+    /// Checks that a request has the token, as a cookie or a header. Fails where it has none or another.
     pub fn check_token(&self, headers: &HeaderMap) -> Result<(), Refused> {
         let name = self.cookie_name();
         let cookies = headers.get_all(COOKIE).iter().filter_map(|c| c.to_str().ok()).flat_map(|c| c.split(';'));
@@ -124,7 +125,7 @@ pub struct Rate {
 }
 
 impl Rate {
-    /// `a_second` messages, `most` at once.
+    /// `a_second` messages on average, `most` at once; `now`: when it begins.
     pub fn new(a_second: f64, most: f64, now: Instant) -> Rate {
         Rate { a_second, most, left: most, at: now }
     }

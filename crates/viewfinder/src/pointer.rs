@@ -47,26 +47,26 @@ fn ev100(live: &Live, [x, y]: [usize; 2]) -> Option<f64> {
     (light > 0.0).then(|| live.setting_ev100 + (light / GREY).log2())
 }
 
-/// Distance of what the picture shows at a place along the camera's axis, m; `None` where there is nothing.
+/// Distance of what the picture shows at a place (0 to 1 across and down) along the camera's axis, m; `None` where there is nothing.
 pub fn depth_m(live: &Live, place: [f64; 2]) -> Option<f64> {
     let (x, y) = at(&live.plane.mean, place);
     let depth = f64::from(live.plane.truth.depth().pixel(x, y)[0]);
     depth.is_finite().then_some(depth)
 }
 
-/// The place of the film, mm to the right and up as the picture shows it.
+/// The place of the film, mm to the right and up as the picture shows it, of one of the picture, 0 to 1 across and down.
 pub fn film_point(live: &Live, [x, y]: [f64; 2]) -> DVec2 {
     DVec2::new((x - 0.5) * live.film_mm[0], (0.5 - y) * live.film_mm[1])
 }
 
-/// Angle of the chief ray of a place to the axis, degrees; `None` where the lens shows nothing there.
+/// Angle of the chief ray of a place of the film (mm, to the right and up as the picture shows it) to the axis, degrees; `None` where the lens shows nothing there.
 pub fn field_deg(live: &Live, film: DVec2) -> Option<f64> {
     // On the film the picture lies upside down.
     let ray = live.lens.chief_ray(-film).ok()?;
     Some(ray.direction.truncate().length().atan2(-ray.direction.z).to_degrees())
 }
 
-/// The same of a place of the picture.
+/// The same of a place of the picture, 0 to 1 across and down.
 pub fn field_at(live: &Live, place: [f64; 2]) -> Option<f64> {
     field_deg(live, film_point(live, place))
 }

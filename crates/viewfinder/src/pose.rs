@@ -38,7 +38,7 @@ const NEAREST: f32 = 1e-4;
 const FARTHEST: f32 = 1e6;
 
 impl Pose {
-    /// Moved by so much: see [`crate::protocol::Command::Move`]. `width`: tangent of half the angle of view across.
+    /// Moved by so much: see [`crate::protocol::Command::Move`]. `tan_half_width`: tangent of half the angle of view across.
     pub fn moved(self, how: Motion, by: [f64; 2], tan_half_width: f32) -> Pose {
         let [x, y] = by.map(|v| v as f32);
         let to = self.target - self.eye;

@@ -82,7 +82,7 @@ pub enum Command {
     },
 }
 
-/// Reads a command.
+/// Reads a command. Fails on what is no JSON object with a known `do`, on places outside the picture, and on moves that are too large.
 pub fn parse(text: &str) -> Result<Command, Problem> {
     let value: Value = serde_json::from_str(text).map_err(|e| Problem::new("message", excerpt(text), format!("JSON ({e})")))?;
     let Some(verb) = value.get("do").and_then(Value::as_str).map(str::to_owned) else {

@@ -184,7 +184,7 @@ impl Session {
         Ok(())
     }
 
-    /// Changes the shot by a merge patch.
+    /// Changes the shot by a merge patch. Fails with the key that is wrong, and on files that no folder of the viewfinder holds.
     pub fn set(&self, patch: &Value) -> Result<(), Problem> {
         self.change(|camera| patched(&camera.shot, patch))
     }
@@ -194,7 +194,7 @@ impl Session {
         self.change(|_| Ok(self.first.clone()))
     }
 
-    /// Asks autofocus to look at a place.
+    /// Asks autofocus to look at a place, 0 to 1 across and down.
     pub fn focus(&self, at: [f64; 2]) -> Result<(), Problem> {
         self.change(|camera| {
             let mut shot = camera.shot.clone();
@@ -205,7 +205,7 @@ impl Session {
         })
     }
 
-    /// Takes a place for grey.
+    /// Takes a place, 0 to 1 across and down, for grey.
     pub fn white(&self, [x, y]: [f64; 2]) -> Result<(), Problem> {
         self.change(|camera| {
             let mut shot = camera.shot.clone();
@@ -250,7 +250,7 @@ impl Session {
         })
     }
 
-    /// Queues the shot as it is, or a series of it; answers with the number of the first picture.
+    /// Queues the shot as it is, or a series of it; answers with the number of the first picture. Fails where there is no room for the pictures.
     pub fn shoot(&self, series: Option<Series>) -> Result<u64, Problem> {
         let shot = lock(&self.camera).shot.clone();
         let id = self.darkroom.queue(shot, series)?;

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 /// Shortest and longest count-down, s.
 const SECONDS: std::ops::RangeInclusive<f64> = 0.1..=60.0;
 
-/// Fails on times that no self-timer counts.
+/// Fails on times, s, that no self-timer counts: below 0.1 s and above 60 s.
 pub fn check(seconds: f64) -> Result<(), Problem> {
     match SECONDS.contains(&seconds) {
         true => Ok(()),

@@ -24,7 +24,7 @@ pub fn run(verb: &BodyVerb, json: bool) -> anyhow::Result<()> {
     }
 }
 
-/// The body that is asked for, or the one the plane was exposed with.
+/// The body that is asked for, or the one the plane was exposed with. Fails on a body that is not known or cannot be read, and where the plane's is not embedded.
 pub fn body_of(args: &ReadOut, exposed_with: &str) -> anyhow::Result<Sensor> {
     if let Some(name) = &args.body {
         return Ok(read_body(name)?);

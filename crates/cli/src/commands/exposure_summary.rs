@@ -36,7 +36,7 @@ pub fn say_ambient(ambient_ev: Option<f64>, facts: &ExposureFacts) {
     }
 }
 
-/// What a camera shows after the shot.
+/// What a camera shows after the shot. `width` and `height`: of the picture, pixels; `seconds`: how long it took.
 pub fn display(f: &ExposureFacts, width: usize, height: usize, seconds: f64) -> String {
     let focus = f.focus_distance_m.map_or("∞".to_owned(), |d| format!("{d:.2} m"));
     let meter = match f.metered_ev100 {

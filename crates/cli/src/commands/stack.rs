@@ -29,7 +29,7 @@ pub fn run(args: &Stack, json: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Checks names and folders of stacked pictures.
+/// Checks names and folders of stacked pictures. Fails on a DNG, on other endings, and where one cannot be written.
 pub fn prepare(paths: &[PathBuf]) -> anyhow::Result<Vec<(Kind, Output)>> {
     if let Some(path) = paths.iter().find(|p| matches!(output::kind(p), Ok(Kind::Dng))) {
         return Err(AskedWrongly(anyhow!("{}: a stacked picture is .jpg, .png, .tif or .exr", path.display())).into());

@@ -18,7 +18,7 @@ pub const REACH: usize = 2 * (SIDE - 1);
 /// How much a place may be brightened: what a rare path of great weight carries is spread over so many pixels that hardly any place needs more.
 const MOST: f32 = 2.0;
 
-/// Factors that give `after` the light of `before`, near the places where it was.
+/// Factors that give `after` the light of `before`, near the places where it was. All are `[row][column]`, `width` pixels a row; factors are 0 to 2.
 pub fn factors(before: &[f32], after: &[f32], width: usize) -> Vec<f32> {
     let around = smoothed(after, width);
     let missing: Vec<f32> = before

@@ -55,7 +55,8 @@ struct Sums {
 }
 
 impl Decoder<'_> {
-    /// Camera channels of a picture. `f_number`: that of the shot.
+    /// Camera channels of a picture. `f_number`: that of the shot. Fails on settings that this light field cannot give: a place outside the
+    /// pupil, a view with an aperture beside it, an aperture wider than that of the shot, a focus nearer than the lens can image.
     pub fn picture(&self, settings: &Settings, f_number: f64) -> Result<Planes, RecipeError> {
         self.field.check(settings, f_number)?;
         let focus = Focus::parse(&settings.focus).unwrap_or(Focus::AsTaken);

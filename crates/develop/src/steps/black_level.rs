@@ -4,6 +4,7 @@ use crate::region::{Region, inside};
 use diopter_image::RawImage;
 
 /// A part of the mosaic. `gains`: factor of each channel; `rows`: DN to be taken off each row besides, may be empty. Beyond the edges the mosaic is continued in phase.
+/// The result is `[row][column]` of `region`.
 pub fn take(raw: &RawImage, region: Region, gains: &[f32], rows: &[f32]) -> Vec<f32> {
     let cfa = &raw.header.cfa;
     let (width, height) = (raw.mosaic.width, raw.mosaic.height);

@@ -15,7 +15,7 @@ pub fn to_srgb(header: &RawHeader, neutral: &[f64]) -> Vec<Vec3> {
     forward(header, neutral).iter().map(|c| (to_srgb * *c).as_vec3()).collect()
 }
 
-/// Turns camera channels into linear sRGB.
+/// Turns camera channels into linear sRGB. `columns`: as [`to_srgb`] gives them.
 pub fn apply(channels: &Planes, columns: &[Vec3]) -> Planes {
     let n = channels.region.area();
     let mut rgb: [Vec<f32>; 3] = std::array::from_fn(|_| vec![0.0; n]);
@@ -46,7 +46,7 @@ fn camera_from_xyz(header: &RawHeader, kelvin: f64) -> Option<Vec<DVec3>> {
     Some(rows(&header.calibrations[0]).iter().zip(rows(last)).map(|(a, b)| *a * s + b * (1.0 - s)).collect())
 }
 
-/// Chromaticity of the light that gives a neutral signal; D50 where the file does not tell.
+/// Chromaticity (CIE 1931 x, y) of the light that gives a neutral signal; D50 where the file does not tell.
 pub fn xy_of_neutral(header: &RawHeader, neutral: &[f64]) -> (f64, f64) {
     // The temperature depends on the matrix it is found with: a few rounds settle it.
     let mut xy = D50_XY;
@@ -60,7 +60,7 @@ pub fn xy_of_neutral(header: &RawHeader, neutral: &[f64]) -> (f64, f64) {
     xy
 }
 
-/// Camera signal of a white surface in light of a chromaticity; `None` without calibrations.
+/// Camera signal of a white surface in light of a chromaticity; `None` without calibrations. A signal a channel, for white of Y = 1.
 pub fn neutral_of_xy(header: &RawHeader, xy: (f64, f64)) -> Option<Vec<f64>> {
     let rows = camera_from_xyz(header, kelvin_of(xy))?;
     Some(rows.iter().map(|r| r.dot(xyz_from_xy(xy))).collect())

@@ -44,7 +44,7 @@ impl Neighbours {
         Neighbours { offsets, reach: furthest }
     }
 
-    /// How far they lie.
+    /// How far they lie, px.
     pub fn reach(&self) -> usize {
         self.reach
     }

@@ -55,7 +55,7 @@ fn at(table: &[f32], v: f32) -> f32 {
     a + (place - i as f32) * (b - a)
 }
 
-/// sRGB codes of light from 0 to 1; clipped beyond.
+/// sRGB codes of light from 0 to 1; clipped beyond. IEC 61966-2-1, from a table.
 #[inline]
 pub fn srgb_codes(light: Vec3) -> Vec3 {
     let t = &TABLES.encode;

@@ -11,7 +11,7 @@ section! {
     }
 }
 
-/// Factor from fractions of saturation to light of the scene, where metered grey is 0.18.
+/// Factor from fractions of saturation to light of the scene, where metered grey is 0.18. `ev` and `baseline_ev` are stops.
 pub fn gain(ev: f64, baseline_ev: f64) -> f32 {
     GREY_GAIN * (ev + baseline_ev).exp2() as f32
 }

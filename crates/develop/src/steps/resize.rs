@@ -20,7 +20,7 @@ section! {
 /// Zero crossings of the window.
 const LOBES: f64 = 3.0;
 
-/// Size of the picture from its own and the settings.
+/// Columns and rows of the picture from its own and the settings; a width or a height alone keeps the shape.
 pub fn target([width, height]: [usize; 2], settings: &Resize) -> [usize; 2] {
     let (w, h) = (width as f64, height as f64);
     let scaled = |factor: f64| [(w * factor).round().max(1.0) as usize, (h * factor).round().max(1.0) as usize];

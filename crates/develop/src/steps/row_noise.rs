@@ -20,7 +20,7 @@ const ROUNDS: usize = 8;
 /// How much of the neighbours' offsets is believed in a round.
 const DAMPING: f32 = 0.9;
 
-/// Offset of each row, DN, to be taken away.
+/// Offset of each row, DN, to be taken away. `amount`: the fraction of it, 0 to 1. Empty where the amount is 0 or the picture has too few rows.
 pub fn offsets(raw: &RawImage, amount: f64) -> Vec<f32> {
     let (w, h) = (raw.mosaic.width, raw.mosaic.height);
     let period = raw.header.cfa.rows().max(if raw.header.cfa.is_monochrome() { 1 } else { 2 });

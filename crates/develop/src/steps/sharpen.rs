@@ -26,7 +26,7 @@ fn gaussian(deviation: f64) -> Vec<f32> {
     weights.iter().map(|w| (w / sum) as f32).collect()
 }
 
-/// How far around a pixel is looked.
+/// How far around a pixel is looked, px.
 pub fn reach(settings: &Sharpen) -> usize {
     if settings.amount == 0.0 { 0 } else { (3.0 * settings.radius).ceil() as usize }
 }

@@ -29,7 +29,8 @@ const KELVIN: std::ops::RangeInclusive<f64> = 1500.0..=40_000.0;
 /// Norm of the automatic balance.
 const NORM: i32 = 6;
 
-/// Camera signals of white, largest 1. `overview`: the picture in small, for balances that look at it.
+/// Camera signals of white, largest 1. `overview`: the picture in small, for balances that look at it. Fails on a balance of no known name, on a patch
+/// that reaches out of the picture or is dark or saturated, and where a light or a tint is asked of a file without colour matrices.
 pub fn neutral(header: &RawHeader, white: &White, overview: &dyn Fn() -> Overview) -> Result<Vec<f64>, RecipeError> {
     if header.cfa.is_colorless() {
         return Ok(vec![1.0; header.cfa.channel_count()]);
@@ -84,7 +85,7 @@ fn unknown(name: &str) -> RecipeError {
     }
 }
 
-/// Whether a balance is one that there is, before any file is read.
+/// Fails on a balance of no known name, before any file is read; with a patch the name does not count.
 pub fn check(white: &White) -> Result<(), RecipeError> {
     let name = white.balance.trim();
     let fine = white.patch.is_some() || matches!(name.to_lowercase().as_str(), "as-shot" | "auto") || light(name).is_some();
@@ -160,14 +161,14 @@ fn off_line(kelvin: f64, tint: f64) -> [f64; 2] {
     [at[0] + dv / length * tint / TINT, at[1] - du / length * tint / TINT]
 }
 
-/// Chromaticity of a temperature (K) and tint.
+/// Chromaticity (CIE 1931 x, y) of a temperature (K) and tint.
 pub fn xy_of(kelvin: f64, tint: f64) -> (f64, f64) {
     let [u, v] = off_line(kelvin, tint);
     let d = 2.0 * u - 8.0 * v + 4.0;
     (3.0 * u / d, 2.0 * v / d)
 }
 
-/// Correlated colour temperature (K) and tint of a chromaticity: the nearest black body in uv.
+/// Correlated colour temperature (K, 1500 to 40 000) and tint of a chromaticity (CIE 1931 x, y): the nearest black body in uv.
 pub fn temperature(xy: (f64, f64)) -> (f64, f64) {
     let here = uv(xy);
     let distance = |mired: f64| {

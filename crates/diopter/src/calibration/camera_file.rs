@@ -34,7 +34,7 @@ pub enum CameraSource {
 const SAME_SHAPE: f64 = 5e-3;
 
 impl CameraSource {
-    /// Pixels of the calibrated pictures.
+    /// Columns and rows of the calibrated pictures; `None` where the file does not say them.
     pub fn size(&self) -> Option<[usize; 2]> {
         match self {
             CameraSource::Model(file) => file.size,
@@ -42,7 +42,8 @@ impl CameraSource {
         }
     }
 
-    /// Focal length in the middle of the picture over the width of the picture.
+    /// Focal length in the middle of the picture over the width of the picture (`width` pixels where the file does not say how many); `None` where no rays are known
+    /// there.
     pub fn focal_of_width(&self, width: usize) -> Option<f64> {
         match self {
             CameraSource::Model(file) => {

@@ -24,7 +24,7 @@ const MODELS: [(&str, ModelKind, bool, usize); 11] = [
     ("DIVISION", ModelKind::Division, false, 1),
 ];
 
-/// `cameras.txt` with one camera.
+/// `cameras.txt` with one camera. Fails on a model that COLMAP does not have, such as opencv12 or double-sphere.
 pub fn write_cameras(c: &Calibration) -> Result<String, CalibrationError> {
     let mut k = c.model.coefficients().to_vec();
     let (name, one) = match c.model.kind() {
@@ -58,7 +58,7 @@ pub fn write_cameras(c: &Calibration) -> Result<String, CalibrationError> {
     ))
 }
 
-/// `images.txt`: the pose in the middle of each exposure, no points.
+/// `images.txt`: the pose in the middle of each exposure, no points. Fails on a calibration without frames.
 pub fn write_images(c: &Calibration) -> Result<String, CalibrationError> {
     if c.frames.is_empty() {
         return Err(wrong("images.txt", "a lens without pictures", "pictures: `shoot ... -o images.txt` writes their poses"));

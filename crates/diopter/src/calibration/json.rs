@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 /// What stands in `format`.
 pub const FORMAT: &str = "diopter calibration";
 
-/// The file.
+/// The text of the file.
 pub fn write(c: &Calibration) -> String {
     let value = json!({
         "format": FORMAT,
@@ -94,7 +94,7 @@ pub(super) fn read(v: &Value, name: &str) -> Result<CameraFile, CalibrationError
     })
 }
 
-/// The calibration that an ideal camera is.
+/// The calibration that an ideal camera is; `None` of one that is a table of rays.
 pub fn of_ideal(lens: &CalibratedLens) -> Option<CameraModel> {
     match lens.view() {
         diopter_lens::calibrated::View::Model(model) => Some(model.clone()),

@@ -7,7 +7,7 @@ use super::{Calibration, CalibrationError, CameraModel, ModelKind, numbers, wron
 use glam::DVec2;
 use serde_json::Value;
 
-/// The file, of one camera.
+/// The text of the file, of one camera. Fails on a model that Kalibr does not have, such as opencv5 or division.
 pub fn write(c: &Calibration) -> Result<String, CalibrationError> {
     let (f, m) = (c.model.focal(), c.model.centre());
     let mut k = c.model.coefficients().to_vec();

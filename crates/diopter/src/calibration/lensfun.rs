@@ -12,7 +12,7 @@ const FULL_FRAME_DIAGONAL_MM: f64 = 43.266_615_305_567_875;
 /// Distance that lensfun writes for infinity, m.
 const FAR_M: f64 = 1000.0;
 
-/// The file.
+/// The text of the file. Fails without a size of the film, on a picture that sees 85° or more from the axis, and on a fall-off that is not finite.
 pub fn write(c: &Calibration) -> Result<String, CalibrationError> {
     let [w, h] = c.film_mm;
     let diagonal = w.hypot(h);

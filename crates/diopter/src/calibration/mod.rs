@@ -115,13 +115,13 @@ impl Format {
         ("ray-table", Format::RayTable),
     ];
 
-    /// The format of a name.
+    /// The format of a name. Fails on one that is not in [`Format::NAMES`].
     pub fn named(name: &str) -> Result<Format, CalibrationError> {
         let all = Self::NAMES.map(|n| n.0).join(", ");
         Self::NAMES.iter().find(|n| n.0 == name).map(|n| n.1).ok_or_else(|| wrong("format", format!("\"{name}\""), all))
     }
 
-    /// The format that the name of a file says.
+    /// The format that the name of a file says. `None` where it does not say one.
     pub fn of(path: &Path) -> Option<Format> {
         let name = path.file_stem()?.to_string_lossy().to_lowercase();
         let ending = path.extension()?.to_string_lossy().to_lowercase();
@@ -146,6 +146,7 @@ impl Format {
 }
 
 /// The calibration of a camera: its own model where it has one, else one fitted to where its lens looks (`kind`, or a suitable one). Names and frames are left empty.
+/// Fails as [`fit::fit`].
 pub fn of_camera(camera: &Camera, kind: Option<ModelKind>, which: PrincipalRay) -> Result<Calibration, CalibrationError> {
     let (lens, film) = (&camera.lens, &camera.film);
     let size = [film.columns, film.rows];

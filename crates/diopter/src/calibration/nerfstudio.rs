@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 
 const HALF: DVec2 = DVec2::splat(0.5);
 
-/// The file.
+/// The text of the file. Fails on a model that nerfstudio does not have, such as opencv8 or double-sphere.
 pub fn write(c: &Calibration) -> Result<String, CalibrationError> {
     let kind = c.model.kind();
     let k = |i: usize| c.model.coefficients().get(i).copied().unwrap_or(0.0);

@@ -74,7 +74,7 @@ fn along(distance: f64, origin: DVec3, direction: DVec3) -> f64 {
     if direction.z > 0.0 { t.min(FARTHEST * distance) } else { FARTHEST * distance }
 }
 
-/// The direction from the camera's place to where a ray is in focus.
+/// The unit direction from the camera's place to where a ray (origin, mm, and unit direction, axes of OpenCV) is in focus.
 pub fn seen_from_camera(lens: &Lens, [origin, direction]: [DVec3; 2]) -> DVec3 {
     // A tilted lens is sharp in a plane askew, which may lie behind the camera for some of its rays.
     if let Lens::Compound(lens) = lens
@@ -117,7 +117,7 @@ pub struct Observed {
 /// Places across the picture at which a lens is asked; down as many as its shape wants.
 pub const GRID: usize = 33;
 
-/// Asks a lens over a grid that ends in the centres of the outermost pixels.
+/// Asks a lens over a grid that ends in the centres of the outermost pixels. [`GRID`] places across.
 pub fn observe(lens: &Lens, film: &Film, which: PrincipalRay) -> Observed {
     let size = [film.columns, film.rows];
     let down = ((GRID - 1) as f64 * film.height_mm / film.width_mm).round().clamp(8.0, 96.0) as usize + 1;

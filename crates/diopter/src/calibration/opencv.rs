@@ -8,7 +8,7 @@ use super::{Calibration, CalibrationError, CameraModel, ModelKind, number, numbe
 use glam::DVec2;
 use serde_json::Value;
 
-/// The file.
+/// The text of the file. Fails on a model that OpenCV does not have, such as division or double-sphere.
 pub fn write(c: &Calibration) -> Result<String, CalibrationError> {
     let models = "pinhole, simple-radial, radial, opencv4, opencv5, opencv8, opencv12, opencv14, opencv-fisheye, equidistant";
     let (k, fisheye) = c.opencv_coefficients().ok_or_else(|| c.cannot("OpenCV", models))?;

@@ -33,7 +33,7 @@ impl Pose {
         (rotation, FLIP * camera_from_world.translation)
     }
 
-    /// World from camera with the axes of OpenGL, row by row.
+    /// World from camera with the axes of OpenGL, `[row][column]`; the translation, m, is the last column.
     pub fn opengl_rows(&self) -> [[f64; 4]; 4] {
         DMat4::from(self.world_from_camera).transpose().to_cols_array_2d()
     }
@@ -53,7 +53,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// The pose that stands for the whole picture: of the middle row, in the middle of the time that it is open.
+    /// The pose that stands for the whole picture: of the middle row, in the middle of the time that it is open; `None` without poses.
     pub fn middle(&self) -> Option<&Pose> {
         self.poses.get(self.poses.len() / 2)
     }
@@ -65,7 +65,7 @@ fn place(at: Affine3A) -> DAffine3 {
     DAffine3::from_rotation_translation(rotation.as_dquat().normalize(), translation.as_dvec3())
 }
 
-/// Start, middle and end of the time that is open: of all of the picture, or where rows follow each other, of its first, middle and last one.
+/// Start, middle and end of the time that is open: of all of the picture, or where rows follow each other, of its first, middle and last one. `size`: columns and rows.
 pub fn poses(way: &CameraMotion, times: &RowTimes, size: [usize; 2]) -> Vec<Pose> {
     let lines = size[usize::from(!times.columns)];
     let run = times.open_s[1] != 0.0 || times.close_s[1] != 0.0;

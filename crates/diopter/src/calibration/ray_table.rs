@@ -16,7 +16,7 @@ use std::io::{Cursor, Seek, Write};
 const CHANNELS: [&str; 6] = ["origin.X", "origin.Y", "origin.Z", "direction.X", "direction.Y", "direction.Z"];
 const MM_PER_M: f64 = 1000.0;
 
-/// Traces a ray for each pixel.
+/// Traces a ray for each pixel; pixels that see nothing have no ray. Fails on a film of less than two pixels a side.
 pub fn trace(lens: &Lens, film: &Film, which: PrincipalRay) -> Result<RayTable, CalibrationError> {
     let [width, height] = [film.columns, film.rows];
     let rays = (0..width * height)
@@ -26,7 +26,7 @@ pub fn trace(lens: &Lens, film: &Film, which: PrincipalRay) -> Result<RayTable, 
     RayTable::new([width, height], rays).map_err(|e| wrong("ray table", e.to_string(), "a picture of two pixels or more a side"))
 }
 
-/// Writes a table.
+/// Writes a table: origins in m, unit directions, both 0 where there is no ray. Fails where `to` cannot be written.
 pub fn write(table: &RayTable, to: impl Write + Seek) -> Result<(), ImageError> {
     let [width, height] = table.size();
     let all: Vec<[DVec3; 2]> = (0..width * height).map(|i| table.at(i % width, i / width).unwrap_or([DVec3::ZERO; 2])).collect();
@@ -48,7 +48,7 @@ pub(super) fn is_one(bytes: &[u8]) -> bool {
     bytes[..bytes.len().min(1 << 16)].windows(CHANNELS[5].len()).any(|w| w == CHANNELS[5].as_bytes())
 }
 
-/// Reads a table.
+/// Reads a table that [`write()`] made; `name` is for messages. Fails on what is no EXR of these channels, below two pixels a side, and on numbers that are not finite.
 pub fn read(bytes: &[u8], name: &str) -> Result<RayTable, CalibrationError> {
     let maps = exr::read_maps(Cursor::new(bytes), &CHANNELS)
         .map_err(|e| wrong(name, e.to_string(), "a ray table: origin and direction"))?;

@@ -34,7 +34,8 @@ pub fn read_camera(path: &Path, focal_of_width: Option<f64>) -> Result<CameraSou
     parse_camera(&text, &name).map(CameraSource::Model)
 }
 
-/// Reads a camera from a text: JSON, YAML or COLMAP's, by what it holds.
+/// Reads a camera from a text: JSON, YAML or COLMAP's, by what it holds. `name` is for messages. Fails on a text that is none of them, on a model that is not known, and
+/// on entries that are missing or no numbers.
 pub fn parse_camera(text: &str, name: &str) -> Result<CameraFile, CalibrationError> {
     let first = text.lines().map(str::trim).find(|l| !l.is_empty() && !l.starts_with('#')).unwrap_or("");
     if first.starts_with('{') {

@@ -26,20 +26,20 @@ pub struct Straight {
 }
 
 impl Straight {
-    /// That of a camera: its scale in the middle.
+    /// That of a camera: its scale and its principal point in the middle.
     pub fn of(model: &CameraModel) -> Straight {
         let [x, _] = model.kind().normalized(model.coefficients(), [1e-6, 0.0, 1.0]);
         let [_, y] = model.kind().normalized(model.coefficients(), [0.0, 1e-6, 1.0]);
         Straight { focal: model.focal() * DVec2::new(x, y) * 1e6, centre: model.centre() }
     }
 
-    /// The pixel of a direction.
+    /// The pixel of a direction (axes of OpenCV); `None` at 85° from the axis and beyond.
     pub fn pixel(&self, direction: DVec3) -> Option<DVec2> {
         let tangent = direction.truncate() / direction.z;
         (direction.z > 0.0 && tangent.length() < LARGEST_TANGENT).then(|| tangent * self.focal + self.centre)
     }
 
-    /// The direction of a pixel.
+    /// The unit direction of a pixel.
     pub fn direction(&self, pixel: DVec2) -> DVec3 {
         ((pixel - self.centre) / self.focal).extend(1.0).normalize()
     }
@@ -48,13 +48,14 @@ impl Straight {
 /// Places in pixels for each pixel of a picture; `None` where there is none.
 pub type Places = Vec<Option<DVec2>>;
 
-/// For each pixel of the camera its place in the straight picture. `seen`: the direction of a ray from the camera's place.
+/// For each pixel of the camera its place in the straight picture. `seen`: the direction of a ray from the camera's place. Order: `[row][column]`.
 pub fn distort(table: &RayTable, straight: &Straight, seen: impl Fn([DVec3; 2]) -> DVec3 + Sync) -> Places {
     let [width, height] = table.size();
     (0..width * height).into_par_iter().map(|i| straight.pixel(seen(table.at(i % width, i / width)?))).collect()
 }
 
 /// For each pixel of the straight picture its place in the camera's: the rays between pixels are searched by Newton's method, from where the model puts them.
+/// Order: `[row][column]`; `None` where the search comes no nearer than a thousandth of a pixel.
 pub fn undistort(
     table: &RayTable,
     straight: &Straight,
@@ -100,7 +101,7 @@ pub fn undistort(
     (0..width * height).into_par_iter().map(|i| find(DVec2::new((i % width) as f64, (i / width) as f64))).collect()
 }
 
-/// Writes a map.
+/// Writes a map. Fails where `to` cannot be written.
 pub fn write(
     places: &Places,
     [width, height]: [usize; 2],

@@ -135,18 +135,20 @@ impl Folder {
         self.shards.iter().flat_map(|s| self.missing_of(s, &all)).collect()
     }
 
-    /// Keeps an item that was made, by this process or another.
+    /// Keeps an item that was made, by this process or another. `archive`: its files as [`Dataset::make_item`] gives them. Fails on a number beyond the last item, and
+    /// where the file cannot be written.
     pub fn keep(&self, item: u64, archive: &[u8]) -> Result<(), ShotError> {
         self.dataset.check_item(item)?;
         self.write_as(&self.part(item), |to| to.write_all(archive))
     }
 
-    /// Makes the items of a range that are missing, without packing them. Stops with [`ExposeError::Cancelled`]; what is done stays.
+    /// Makes the items of a range that are missing, without packing them. Stops with [`ExposeError::Cancelled`]; what is done stays. Fails where an item cannot be made
+    /// or written.
     pub fn make_items(&self, items: Range<u64>, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         self.work(items, false, watch, warn)
     }
 
-    /// Makes all that is missing, and finishes.
+    /// Makes all that is missing, and finishes. Fails as [`Folder::make_items`] and [`Folder::finish`].
     pub fn make(&self, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<Made, ShotError> {
         self.work(0..self.dataset.items, true, watch, warn)?;
         self.finish()
@@ -468,7 +470,7 @@ impl Dataset {
         all
     }
 
-    /// What differs in an item, as JSON: `key`, `item`, `split` and `parameters` (null where a condition does not hold).
+    /// What differs in an item, as JSON: `key`, `item`, `split` and `parameters` (null where a condition does not hold). Fails on a number beyond the last item.
     pub fn parameters_json(&self, item: u64) -> Result<Value, ShotError> {
         let names = self.vary.iter().flat_map(|v| v.settings()).map(|name| (name, Value::Null));
         let settings = self.parameters(item)?;

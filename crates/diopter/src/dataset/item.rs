@@ -84,6 +84,7 @@ pub(super) fn about(ending: &str) -> String {
 const JPEG_QUALITY: u8 = 92;
 
 impl File {
+    /// The file of a name, such as `dng` or `depth.npy`; `None` of one that is not known.
     pub fn named(name: &str) -> Option<File> {
         let channel = || Some(File::Channel(CHANNELS.iter().find(|c| Some(c.name) == name.strip_suffix(".npy"))?));
         NAMES.iter().find(|n| n.0 == name).map(|n| n.1).or_else(channel)
@@ -94,6 +95,7 @@ impl File {
         NAMES.iter().map(|n| n.0.to_owned()).chain(CHANNELS.iter().map(|c| format!("{}.npy", c.name))).collect()
     }
 
+    /// Its name, which is the ending of the items' files.
     pub fn name(self) -> String {
         match self {
             File::Channel(channel) => format!("{}.npy", channel.name),
@@ -128,7 +130,8 @@ impl Dataset {
     ///
     /// The archive is the same bytes wherever it is made, with the same version of diopter on the same kind of processor. Nothing of the clock, the machine or
     /// the folder is in it. Pictures are not denoised and outliers are kept, unless the specification says otherwise in `[shot.render]`; what denoises
-    /// by `on` or `oidn` depends on the library that is found.
+    /// by `on` or `oidn` depends on the library that is found. Fails on a number beyond the last item, on values that the shot file does not take, where the shot cannot
+    /// be taken or written, and with [`ExposeError::Cancelled`].
     pub fn make_item(
         &self,
         item: u64,
@@ -217,6 +220,8 @@ pub(crate) struct Making<'a> {
 }
 
 impl Making<'_> {
+    /// The bytes of a file of the item. Fails on a channel that the exposure does not record, where development fails, and (told by `failed`) on a picture that the
+    /// format cannot hold. Panics without a raw image where the file is made of one.
     pub fn bytes(&self, file: File, failed: &impl Fn(ImageError) -> ShotError) -> Result<Vec<u8>, ShotError> {
         let plane = self.plane;
         let floats = |r: &diopter_image::Raster<f32>| npy::array(&r.data, [r.width, r.height, r.channels]);

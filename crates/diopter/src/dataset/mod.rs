@@ -74,7 +74,7 @@ impl Layout {
     const NAMES: [(&str, Layout); 3] = [("shards", Layout::Shards), ("folders", Layout::Folders), ("both", Layout::Both)];
 }
 
-/// A specification that is written in JSON, as TOML.
+/// A specification that is written in JSON, as TOML. Fails on what is no JSON object, and on `null`, which TOML does not have.
 pub fn specification(json: &str) -> Result<String, ShotError> {
     let wrong = |found: String| ShotError::Entry {
         place: "specification".into(),
@@ -86,7 +86,7 @@ pub fn specification(json: &str) -> Result<String, ShotError> {
 }
 
 impl Dataset {
-    /// Reads a specification; paths in it are relative to it.
+    /// Reads a specification; paths in it are relative to it. Fails where the file cannot be read, and as [`Dataset::new`].
     pub fn read(path: &Path) -> Result<Dataset, ShotError> {
         let place = path.display().to_string();
         let text = files::read_text(path).map_err(|e| ShotError::Read { path: place.clone(), reason: e.to_string() })?;
@@ -94,7 +94,7 @@ impl Dataset {
     }
 
     /// Checks a specification. `place`: what it is called in errors; `folder`: what its paths are relative to. Every value that is listed is tried;
-    /// scenes, lenses and bodies are read when items are made.
+    /// scenes, lenses and bodies are read when items are made. Fails on keys, names and values that are not known or out of range, and without a number of items.
     pub fn new(text: &str, place: &str, folder: &Path) -> Result<Dataset, ShotError> {
         let file: SpecFile = toml::from_str(text)
             .map_err(|e| ShotError::Syntax { path: place.to_owned(), reason: e.to_string().trim_end().to_owned() })?;

@@ -38,6 +38,8 @@ impl Pose {
     /// Settings that a pose gives.
     pub const SETTINGS: [&str; 2] = ["camera.look_from", "camera.look_at"];
 
+    /// Checks a section; `place`: what it is called in errors. Fails without `path` or `distance` and with both, on angles beside a path, on ranges out of their limits
+    /// or with the larger end first, and on lengths that are not finite.
     pub fn new(s: &PoseSection, place: &str) -> Result<Pose, ShotError> {
         let entry =
             |found: String, expected: &str| ShotError::Entry { place: place.to_owned(), found, expected: expected.to_owned() };

@@ -144,7 +144,8 @@ fn entry(place: &str, found: impl Into<String>, expected: impl Into<String>) -> 
 
 impl Vary {
     /// Checks an entry. `file`: what it is called in errors; `number`: which it is, from 1; `before`: the names of those above; `repeat`: the product of
-    /// the grids above, which this one is multiplied into.
+    /// the grids above, which this one is multiplied into. Fails without a rule and with several, and on names, values, ranges,
+    /// weights and conditions that do not suit it.
     pub fn new(section: &VarySection, file: &str, number: usize, before: &[String], repeat: &mut u64) -> Result<Vary, ShotError> {
         let names: Vec<String> = section.name.list().iter().map(|n| n.trim().to_owned()).collect();
         let shown = if section.pose.is_some() { "pose".to_owned() } else { names.join(":") };

@@ -102,7 +102,7 @@ impl<R: Read> Hashing<R> {
         Hashing { from, hash: Sha256::default(), length: 0 }
     }
 
-    /// Reads what is left, and gives the hash of all.
+    /// Reads what is left: the hash of all as 64 hexadecimal digits, and the number of bytes. Fails where it cannot be read.
     pub fn finish(mut self) -> io::Result<(String, u64)> {
         io::copy(&mut self, &mut io::sink())?;
         Ok((self.hash.finish(), self.length))

@@ -43,7 +43,7 @@ fn check_sum(block: &[u8; BLOCK]) -> u32 {
     block.iter().enumerate().map(|(i, b)| if (148..156).contains(&i) { u32::from(b' ') } else { u32::from(*b) }).sum()
 }
 
-/// An archive of files, in this order.
+/// An archive of files, in this order. Fails on a name that is empty or longer than 100 bytes, and on a file of 8 GiB or more.
 pub fn archive<'a>(files: impl IntoIterator<Item = (&'a str, &'a [u8])>) -> io::Result<Vec<u8>> {
     let mut out = Vec::new();
     for (name, bytes) in files {

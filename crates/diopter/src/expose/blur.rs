@@ -65,6 +65,7 @@ fn offset(chief: (DVec3, DVec3), ray: (DVec3, DVec3), axes: (DVec3, DVec3)) -> O
 }
 
 impl Blur {
+    /// Circles of confusion of a camera as it is focused.
     pub fn new(camera: &Camera) -> Blur {
         let film = &camera.film;
         let size = DVec2::new(film.columns as f64, film.rows as f64);

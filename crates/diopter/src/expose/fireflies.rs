@@ -50,6 +50,7 @@ pub(super) struct Cascade {
 }
 
 impl Cascade {
+    /// `white_e`: electrons at which a pixel is white.
     pub fn new(white_e: f64) -> Self {
         Cascade { thresholds: std::array::from_fn(|k| TRUSTED * white_e * BASE.powi(k as i32)) }
     }

@@ -436,7 +436,7 @@ impl<'a> LightTracing<'a> {
         }
     }
 
-    /// The light samples of a pass, handed over in order; `None` once it is to stop.
+    /// The light samples of a pass, handed over in order; `None` once it is to stop. Fails where `add` does.
     pub fn pass<E>(
         &self,
         unit: &Unit,

@@ -54,7 +54,7 @@ pub struct ColorDifferences {
     pub largest: f64,
 }
 
-/// Where the embedded chart lies in a picture of 3:2 that is framed by itself: dark skin in the upper left.
+/// Where the embedded chart lies in a picture of 3:2 that is framed by itself: dark skin in the upper left. Fails on another shape (by more than 3 %).
 pub fn framed(size: [usize; 2]) -> Result<Corners, MeasureError> {
     super::corners::framed("colour chart", FRAMED, size)
 }
@@ -74,7 +74,8 @@ fn references(light: &str) -> Result<Vec<(String, DVec3)>, MeasureError> {
 }
 
 /// Measures the chart in a developed picture of linear sRGB. `corners`: outer corners of the patches, pixels; the framing of the embedded chart
-/// without. `light`: what lights the chart (`D65`, `A` ...).
+/// without. `light`: what lights the chart (`D65`, `A` ...). Fails on what is no developed picture of R, G and B, on an unknown `light`, on corners outside the picture
+/// or three in line, and where the patches are black, uneven or not as light and dark as the chart's.
 pub fn measure(picture: &Measured, corners: Option<Corners>, light: &str) -> Result<ColorDifferences, MeasureError> {
     let Measured::Light { pixels, bands, facts: None, .. } = picture else {
         return Err(MeasureError::unfit(

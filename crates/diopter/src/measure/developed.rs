@@ -218,7 +218,8 @@ impl Development<'_> {
     }
 
     /// Predicts the response of an edge that was measured in a channel of the developed picture. `chain`: of the raw file's channels, its pixels those of the
-    /// mosaic; `options`: how the edge was measured.
+    /// mosaic; `options`: how the edge was measured. Fails on light fields, on raw files that are framed or without a mosaic, on a picture of another shape than the raw
+    /// file, on an edge too short for both its sides, and as [`Chain::predict`] and [`measure`].
     pub fn predict(&self, chain: &Chain, edge: &EdgeMtf, channel: Channel, options: &Options) -> Result<Developed, MeasureError> {
         self.check()?;
         let scale = self.scale();

@@ -26,7 +26,8 @@ pub struct Glare {
     pub means: [f64; 2],
 }
 
-/// Measures a spot; `spot`: the black part of it, found about the middle of the picture without.
+/// Measures a spot; `spot`: the black part of it, found about the middle of the picture without. Fails below 32 pixels a side, without a spot, and where the field beside
+/// it is too narrow, clipped, or less than twice as bright.
 pub fn measure(plane: &Plane, spot: Option<Region>) -> Result<Glare, MeasureError> {
     plane.check(plane.whole(), 4 * FEWEST)?;
     let found = match spot {

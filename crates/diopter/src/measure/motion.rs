@@ -38,7 +38,8 @@ pub enum ImageMotion {
 }
 
 impl Motion<'_> {
-    /// The way at a place of the picture (pixels) on an edge across a direction; `None` where the lens does not show what is there all of the time.
+    /// The way at a place of the picture (pixels) on an edge across a direction; `None` where the lens does not show what is there all of the time. `across`: unit
+    /// vector, right and down.
     pub fn at(&self, place: [f64; 2], across: [f64; 2]) -> Option<ImageMotion> {
         match self {
             Motion::Straight(travel) => Some(ImageMotion::Straight(DVec2::from_array(*travel))),

@@ -179,7 +179,8 @@ impl EdgeMtf {
 /// The samples of a row of a region, as its edge crosses it: places and values.
 type Row = Vec<(f64, f64)>;
 
-/// Measures the edge within a region.
+/// Measures the edge within a region. Fails on options out of range, on a region outside the picture or below [`LEAST_SIDE`] pixels a side, where more than 2 % of it is
+/// clipped, and where it does not show one straight edge, slanted enough, between two even fields.
 pub fn measure(plane: &Plane, region: Region, options: &Options) -> Result<EdgeMtf, MeasureError> {
     options.check()?;
     plane.check(region, LEAST_SIDE)?;
@@ -502,7 +503,7 @@ fn interpolated(values: &[f64], at: f64) -> f64 {
     values[first] + (values[first + 1] - values[first]) * (at - first as f64)
 }
 
-/// sin(πx) / (πx)
+/// sin(πx) / (πx); 1 at 0.
 pub fn sinc(x: f64) -> f64 {
     if x == 0.0 { 1.0 } else { (PI * x).sin() / (PI * x) }
 }

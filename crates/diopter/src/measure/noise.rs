@@ -47,7 +47,9 @@ pub struct Transfer {
     pub dynamic_range_stops: Option<f64>,
 }
 
-/// Measures pairs of raw images, each pair of one exposure, within a region of the mosaic (the middle half without).
+/// Measures pairs of raw images, each pair of one exposure, within a region of the mosaic (the middle half without). Fails without a pair, on images of several cameras,
+/// ISO speeds or sizes, on a region outside the mosaic or below 16 pixels a side, where pixels are clipped or a pair has two exposures, and where noise does not rise
+/// with the light.
 pub fn measure(pairs: &[(RawImage, RawImage)], region: Option<Region>) -> Result<Vec<Transfer>, MeasureError> {
     let Some((first, _)) = pairs.first() else {
         return Err(MeasureError::unfit("photon transfer", "no pictures", "two raw images of a flat field, or several pairs"));

@@ -98,7 +98,7 @@ pub struct Plane {
 }
 
 impl Plane {
-    /// Value at a pixel; NaN where the channel was not sampled.
+    /// Value at a pixel; NaN where the channel was not sampled. The pixel must lie within the picture.
     pub fn at(&self, column: usize, row: usize) -> f64 {
         f64::from(self.values[row * self.width + column])
     }
@@ -108,7 +108,7 @@ impl Plane {
         Region { x: 0, y: 0, width: self.width, height: self.height }
     }
 
-    /// The samples of a region.
+    /// The samples of a region, row by row, without pixels where the channel was not sampled. The region must lie within the picture ([`Plane::check`]).
     pub fn samples(&self, region: Region) -> impl Iterator<Item = f64> + '_ {
         (region.y..region.y + region.height)
             .flat_map(move |y| (region.x..region.x + region.width).map(move |x| self.at(x, y)))
@@ -159,7 +159,7 @@ pub enum Measured {
 }
 
 impl Measured {
-    /// Reads a DNG, a focal plane or other EXR, or a picture (PNG, TIFF, JPEG ...) whose codes are decoded by `encoding`.
+    /// Reads a DNG, a focal plane or other EXR, or a picture (PNG, TIFF, JPEG ...) whose codes are decoded by `encoding`. Fails where the file cannot be read or decoded.
     pub fn read(path: &Path, encoding: Encoding) -> Result<Measured, MeasureError> {
         let wrong = |reason: String| MeasureError::Read { path: path.display().to_string(), reason };
         let bytes = files::read(path).map_err(|e| wrong(e.to_string()))?;
@@ -209,7 +209,7 @@ impl Measured {
         }
     }
 
-    /// The values of a channel.
+    /// The values of a channel, of a raw image 0 at its black and 1 at its white level. Fails where there is no such channel.
     pub fn plane(&self, channel: Channel) -> Result<Plane, MeasureError> {
         match self {
             Measured::Raw(raw) => plane_of_raw(raw, channel),

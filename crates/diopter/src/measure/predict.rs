@@ -106,7 +106,8 @@ fn unfit(found: String, expected: &str) -> MeasureError {
 }
 
 impl<'a> Chain<'a> {
-    /// Predicts the response of an edge that was measured.
+    /// Predicts the response of an edge that was measured. Fails on an unknown light or channel, on a motion that is not finite, and where the lens brings no light to
+    /// the edge or moves it out of the picture.
     pub fn predict(&self, edge: &EdgeMtf) -> Result<Prediction, MeasureError> {
         let spot = self.spot(edge.middle, edge.across)?;
         let parts = self.parts(&spot, edge.middle, edge.across, &edge.frequencies)?;
@@ -137,7 +138,7 @@ impl<'a> Chain<'a> {
     }
 
     /// The product of all parts with its phase, at frequencies (cycles a pixel) across an edge at a place (pixels): real and imaginary part, the latter positive
-    /// where light lies ahead.
+    /// where light lies ahead. `across`: unit vector, right and down. Fails as [`Chain::predict`].
     pub fn response(&self, place: [f64; 2], across: [f64; 2], frequencies: &[f64]) -> Result<Vec<[f64; 2]>, MeasureError> {
         let p = self.parts(&self.spot(place, across)?, place, across, frequencies)?;
         let product = |k: usize| {
@@ -148,7 +149,7 @@ impl<'a> Chain<'a> {
         Ok((0..frequencies.len()).map(product).collect())
     }
 
-    /// Light that the lens brings to distances (pixels) across an edge at a place, over that at the edge.
+    /// Light that the lens brings to distances (pixels) across an edge at a place, over that at the edge. Fails on an unknown light or channel.
     pub fn light_across(&self, place: [f64; 2], across: [f64; 2], distances: &[f64]) -> Result<Vec<f64>, MeasureError> {
         let spot = self.spot(place, across)?;
         let light = spot.light();

@@ -66,7 +66,7 @@ pub struct Rolling {
     pub fitted: Vec<f64>,
 }
 
-/// The read-out that a picture shows.
+/// The read-out that a picture shows. Fails below 16 pixels a side, and where there are no bands of the lamp, or no leaning bar.
 pub fn measure(plane: &Plane, sign: Sign) -> Result<Rolling, MeasureError> {
     if plane.width < FEWEST_LINES || plane.height < FEWEST_LINES {
         let found = format!("{} × {} pixels", plane.width, plane.height);

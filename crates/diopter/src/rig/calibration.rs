@@ -124,7 +124,7 @@ fn cross(t: DVec3) -> DMat3 {
 
 /// Rotation, translation, essential and fundamental matrix of two cameras as OpenCV has them: x₂ = R x₁ + T, x₂ᵀ E x₁ = 0 of normalized places, p₂ᵀ F p₁ = 0 of pixels. F has the norm 1.
 ///
-/// Source: Hartley & Zisserman 2004, §9.2 and §9.6; OpenCV, `stereoCalibrate`.
+/// Source: Hartley & Zisserman 2004, §9.2 and §9.6; OpenCV, `stereoCalibrate`. `k`: camera matrices of the first and the second, pixels; T in m.
 pub fn stereo(second_from_first: &DAffine3, k: [DMat3; 2]) -> (DMat3, DVec3, DMat3, DMat3) {
     let m = opencv_axes(second_from_first);
     let e = cross(m.translation) * m.matrix3;

@@ -62,7 +62,7 @@ pub struct ImuSample {
 }
 
 impl Imu {
-    /// Samples from a moment to another, s, at equal steps of the rate, the first at `from_s`.
+    /// Samples from a moment to another, s, at equal steps of the rate, the first at `from_s`, none after `to_s`.
     pub fn samples(&self, path: &Arc<RigPath>, from_s: f64, to_s: f64) -> Vec<ImuSample> {
         let count = ((to_s - from_s) * self.rate_hz + 1e-9).floor() as u64 + 1;
         let normal = |what: u64, k: u64| {

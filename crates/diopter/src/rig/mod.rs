@@ -81,14 +81,15 @@ pub struct TakenRig {
 pub type Save<'a> = dyn FnMut(&Path, &[u8]) -> Result<(), ShotError> + 'a;
 
 impl Rig {
-    /// Reads a rig file; paths in it are relative to it.
+    /// Reads a rig file; paths in it are relative to it. Fails where the file cannot be read, and as [`Rig::new`].
     pub fn read(path: &Path) -> Result<Rig, ShotError> {
         let place = path.display().to_string();
         let text = files::read_text(path).map_err(|e| ShotError::Read { path: place.clone(), reason: e.to_string() })?;
         Rig::new(&text, &place, path.parent().unwrap_or(Path::new("")))
     }
 
-    /// Checks a rig. `place`: what it is called in errors; `folder`: what its paths are relative to.
+    /// Checks a rig. `place`: what it is called in errors; `folder`: what its paths are relative to. Fails on entries that are not known or out of range, without a
+    /// camera, and on exposures outside a path that does not rest at its ends.
     pub fn new(text: &str, place: &str, folder: &Path) -> Result<Rig, ShotError> {
         let file: RigFile = toml::from_str(text)
             .map_err(|e| ShotError::Syntax { path: place.to_owned(), reason: e.to_string().trim_end().to_owned() })?;
@@ -167,7 +168,7 @@ impl Rig {
         format!("{frame:0digits$}")
     }
 
-    /// The shots of the cameras: one scene, metered at the first frame, each ready for [`Rig::turn`].
+    /// The shots of the cameras: one scene, metered at the first frame, each ready for [`Rig::turn`]. Fails as [`Shot::prepare`], [`Shot::focus`] and [`Shot::meter`].
     pub fn shots(&self, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<Vec<Shot>, ShotError> {
         let mut scenes = SceneCache::of_rig();
         let quiet = Watch { cancel: watch.cancel, progress: &|_| () };
@@ -190,12 +191,12 @@ impl Rig {
         Ok(shots)
     }
 
-    /// Makes the shot of a camera ready for a frame.
+    /// Makes the shot of a camera ready for a frame. Fails as [`Shot::turn_to`]; panics on a camera or frame that the rig does not have.
     pub fn turn(&self, shot: &mut Shot, camera: usize, frame: usize, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         shot.turn_to(self.times_s[frame] + self.cameras[camera].trigger_s, frame as u64, warn)
     }
 
-    /// What is known of the cameras, for other programs. `shots`: as [`Rig::shots`] gives them.
+    /// What is known of the cameras, for other programs. `shots`: as [`Rig::shots`] gives them. Fails where no model can be fitted to a lens.
     pub fn calibration<'a>(&'a self, shots: &'a [Shot]) -> Result<RigCalibration<'a>, ShotError> {
         let cameras = self.cameras.iter().zip(shots).map(|(camera, shot)| -> Result<_, CalibrationError> {
             let calibration: Calibration = shot.calibration("")?;
@@ -232,6 +233,7 @@ impl Rig {
     }
 
     /// Takes all pictures and gives all files to `save`: calibration and IMU first, then frame by frame. `warn` gets what was found odd. What was given when it fails stays given.
+    /// Fails as [`Rig::shots`] and `save`, on a span of the IMU outside the path or of too many samples, and with [`ExposeError::Cancelled`].
     pub fn take(&self, watch: &Watch, warn: &mut dyn FnMut(&str), save: &mut Save) -> Result<TakenRig, ShotError> {
         let mut shots = self.shots(watch, warn)?;
         let mut files = Vec::new();

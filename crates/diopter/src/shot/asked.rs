@@ -30,7 +30,8 @@ pub(super) struct Asked {
 }
 
 impl Asked {
-    /// Checks a file whose engraved numbers have become what they stand for.
+    /// Checks a file whose engraved numbers have become what they stand for. Fails on a value out of its range, a name that is not known, and where the filter that is
+    /// asked for cannot be used.
     pub fn new(file: &ShotFile, inputs: &Inputs, warn: &mut dyn FnMut(&str)) -> Result<Asked, ShotError> {
         let mut settings = settings(&file.render)?;
         settings.polarizer = file.exposure.polarizer;
@@ -74,7 +75,7 @@ impl Asked {
         Ok(Asked { settings, sensor, exposing, iso, denoise, filter })
     }
 
-    /// Takes the body anew, where the scene's camera has hints for the film.
+    /// Takes the body anew, where the scene's camera has hints for the film. Fails as [`Asked::new`] does on the body.
     pub fn take_body(&mut self, file: &ShotFile, inputs: &Inputs) -> Result<(), ShotError> {
         (self.sensor, self.exposing, self.iso) = body_and_speed(file, inputs)?;
         Ok(())

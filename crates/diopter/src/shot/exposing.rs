@@ -33,7 +33,7 @@ pub(super) struct Exposing {
 }
 
 impl Exposing {
-    /// Checks what was asked of a body.
+    /// Checks what was asked of a body. Fails on names that are not known, on numbers out of range, and without a time where the mode leaves it to the photographer.
     pub fn new(file: &ShotFile, sensor: &Sensor) -> Result<Self, ShotError> {
         let e = &file.exposure;
         let mode = match e.mode.as_deref() {

@@ -111,7 +111,7 @@ impl ShotFile {
         self.sequence.take_over(sequence);
     }
 
-    /// Reads a shot file; paths in it are relative to it.
+    /// Reads a shot file; paths in it are relative to it. Fails where the file cannot be read, on what is no TOML, and on keys that are not known or of another kind.
     pub fn read(path: &Path) -> Result<ShotFile, ShotError> {
         let place = path.display().to_string();
         let text = files::read_text(path).map_err(|e| ShotError::Read { path: place.clone(), reason: e.to_string() })?;

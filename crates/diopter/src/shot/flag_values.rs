@@ -20,13 +20,13 @@ pub fn degrees(text: &str) -> Result<f64, String> {
     bare.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| format!("\"{text}\" is not an angle such as 90deg"))
 }
 
-/// "8deg" or "0,5deg": degrees about both axes, 0 for one that is left out.
+/// "8deg" or "0,5deg": degrees about both axes, 0 for one that is left out; fails where one is no angle.
 pub fn tilt(text: &str) -> Result<[f64; 2], String> {
     let (x, y) = text.split_once(',').unwrap_or((text, "0"));
     Ok([degrees(x)?, degrees(y)?])
 }
 
-/// "5mm", "5mm,-3mm" or "0,8mm": mm along both axes, 0 for one that is left out.
+/// "5mm", "5mm,-3mm" or "0,8mm": mm along both axes, 0 for one that is left out; fails where one is no length.
 pub fn shift(text: &str) -> Result<[f64; 2], String> {
     let length = |part: &str| match part.trim() {
         "0" | "" => Some(0.0),
@@ -43,7 +43,7 @@ pub fn triple(text: &str) -> Result<[f64; 3], String> {
     list(text)?.try_into().map_err(|_| format!("\"{text}\" is not three numbers such as 0.01,0.04,20"))
 }
 
-/// A fraction: "0.25" or "1/4".
+/// A fraction: "0.25" or "1/4"; fails where it is no finite number.
 pub fn fraction(text: &str) -> Result<f64, String> {
     number(text).ok_or_else(|| format!("\"{text}\" is not a fraction such as 0.25 or 1/4"))
 }

@@ -34,7 +34,8 @@ pub(super) struct Focusing {
 }
 
 impl Focusing {
-    /// Checks what was asked. `warn` gets what was found odd.
+    /// Checks what was asked; `diagonal_mm`: of the film. `warn` gets what was found odd. Fails on names that are not known, on zones, places, motors, sweeps and
+    /// distances out of range, and on settings of autofocus without it.
     pub fn new(file: &ShotFile, diagonal_mm: f64, warn: &mut dyn FnMut(&str)) -> Result<Self, ShotError> {
         let f = &file.focus;
         let mut af = Autofocus::new(diagonal_mm);
@@ -112,7 +113,7 @@ impl Focusing {
         Ok(Focusing { to: f.distance.clone(), autofocus: af, require: f.require })
     }
 
-    /// What the lens is set to before anything is looked at; `subject_m` is how far away lies what the camera is aimed at.
+    /// What the lens is set to before anything is looked at; `subject_m`: how far away lies what the camera is aimed at, m.
     pub fn first(&self, subject_m: f64) -> Focus {
         match &self.to {
             Some(FocusTo::Distance(d)) => Focus::at_mm(1000.0 * d.0),
@@ -215,7 +216,8 @@ fn distance_of(scene: &Scene, camera: &Camera, name: &str, at_s: f64) -> Result<
 
 impl Shot {
     /// Focuses as asked: measures where a thing is, looks for what is sharp, sets the hyperfocal distance. Says what autofocus did; `None`
-    /// where nothing was looked for. Must come before [`Shot::meter`].
+    /// where nothing was looked for. Must come before [`Shot::meter`]. Fails where the thing is not in the scene, where the lens cannot be focused so near, where
+    /// autofocus finds nothing and must, and where it is cancelled.
     pub fn focus(&mut self, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<Option<Report>, ShotError> {
         self.settle_light(watch)?;
         match &self.focusing.to {

@@ -31,7 +31,7 @@ impl Shot {
     }
 
     /// Meters the scene and settles what was left open: light scale, exposure time, aperture, ISO. Then everything stands ready for
-    /// the exposure. `warn` gets what the light or the shutter does not allow.
+    /// the exposure. `warn` gets what the light or the shutter does not allow. Fails where it is cancelled, and where the lens cannot be set.
     pub fn meter(&mut self, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         if self.lens_cap {
             return self.set_by(None, warn);
@@ -54,7 +54,7 @@ impl Shot {
         self.exposing.mode != Mode::Manual || self.exposing.auto_iso.is_some()
     }
 
-    /// The same as [`Shot::meter`], but where everything is set by hand the meter is not read: nothing depends on it but its fact, which is left out.
+    /// The same as [`Shot::meter`], but where everything is set by hand the meter is not read: nothing depends on it but its fact, which is left out. Fails as it does.
     pub fn meter_if_needed(&mut self, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         if self.chooses_exposure() {
             return self.meter(watch, warn);
@@ -66,7 +66,7 @@ impl Shot {
     }
 
     /// Chooses what the camera is to choose by a meter reading (EV at ISO 100; `None`: darkness), and makes everything ready for the exposure:
-    /// [`Shot::meter`] by a reading at hand. With the cap on the lens the reading is not looked at.
+    /// [`Shot::meter`] by a reading at hand. With the cap on the lens the reading is not looked at. Fails where the lens cannot be set.
     pub fn set_by(&mut self, metered: Option<f64>, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         if self.lens_cap {
             self.shutter.get_or_insert(1.0);
@@ -227,7 +227,7 @@ impl Shot {
     }
 
     /// Makes the shot ready for another moment (s) of the scene, with everything set as it is: a frame of a sequence, with noise of its
-    /// own.
+    /// own. `frame`: its number, which changes the seed. Fails where the thing that the lens is focused on is not before the camera.
     pub fn turn_to(&mut self, at_s: f64, frame: u64, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         if frame > 0 {
             self.begun = Instant::now();
@@ -245,7 +245,7 @@ impl Shot {
         if self.exposing.mode == Mode::ShutterPriority { Vary::Aperture } else { Vary::Time }
     }
 
-    /// Changes the exposure by so many EV. `warn` is told when the lens does not go so far.
+    /// Changes the exposure by so many EV. `warn` is told when the lens does not go so far. Fails where the lens cannot be set.
     pub fn expose_by(&mut self, ev: f64, vary: Vary, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         match vary {
             Vary::Aperture => {

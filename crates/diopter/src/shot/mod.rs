@@ -154,18 +154,19 @@ pub struct Shot {
 const MOVING_STEPS: usize = 100;
 
 impl Shot {
-    /// Checks a request, reads its files and builds the scene. `warn` gets what was found odd.
+    /// Checks a request, reads its files and builds the scene. `warn` gets what was found odd. Fails on a value out of its range or a name that is not known, on files
+    /// that cannot be read, on an empty scene, and where the camera cannot be placed or focused as asked.
     pub fn prepare(file: &ShotFile, warn: &mut dyn FnMut(&str)) -> Result<Shot, ShotError> {
         Shot::prepare_with(file, Inputs::default(), warn)
     }
 
     /// The same with scene, lens or body from memory instead of by the names that the shot file has for them. [`Shot::settle`] writes names
-    /// only: a shot file cannot hold what was in memory.
+    /// only: a shot file cannot hold what was in memory. Fails as [`Shot::prepare`].
     pub fn prepare_with(file: &ShotFile, inputs: Inputs, warn: &mut dyn FnMut(&str)) -> Result<Shot, ShotError> {
         Shot::prepare_cached(file, inputs, &mut SceneCache::new(), warn)
     }
 
-    /// The same for one of many shots: a scene that the last shot has read or built is taken from `cache`.
+    /// The same for one of many shots: a scene that the last shot has read or built is taken from `cache`. Fails as [`Shot::prepare`].
     pub fn prepare_cached(
         file: &ShotFile,
         mut inputs: Inputs,
@@ -295,7 +296,7 @@ impl Shot {
     }
 
     /// The calibration of the camera as it stands, with its places during this exposure; `picture`: the name of the picture's file. A model is fitted to a
-    /// lens that is none itself.
+    /// lens that is none itself. Fails where no model comes near the lens.
     pub fn calibration(&self, picture: &str) -> Result<Calibration, CalibrationError> {
         let mut calibration = calibration::of_camera(&self.camera, None, PrincipalRay::CHIEF)?;
         (calibration.body, calibration.lens) = (self.facts.body.clone(), self.facts.lens.clone());
@@ -319,7 +320,7 @@ impl Shot {
     }
 }
 
-/// An illuminant by name, as the camera's white.
+/// An illuminant by name (`D65`, `A` ...), as the camera's white. Fails on a name that is not known.
 pub fn white_point(name: &str) -> Result<diopter_light::spectrum::Table, ShotError> {
     cie::illuminant(name)
         .ok_or_else(|| value("white", format!("\"{name}\""), format!("one of {}", cie::illuminant_names().join(", "))))

@@ -30,7 +30,7 @@ impl Shot {
     /// must have been called.
     ///
     /// The look is an exposure of 64 pixels across with one sample each: files are known by what they show, not by their names and dates. Two
-    /// scenes that differ in none of these paths are not told apart.
+    /// scenes that differ in none of these paths are not told apart. Fails where it is cancelled.
     pub fn identity(&self, watch: &Watch) -> Result<u64, ShotError> {
         let response = self.response();
         let settings = Settings { time_limit_s: None, ..self.settings.clone() };

@@ -80,7 +80,7 @@ impl Vary {
 
 impl Sequence {
     /// What a shot file asks for. A shutter angle becomes an exposure time, which the camera then keeps (mode S) unless the aperture is
-    /// set too.
+    /// set too. Fails on numbers out of range, on two series at once, and on a step or rate without the series that it belongs to.
     pub fn new(file: &mut ShotFile) -> Result<Self, ShotError> {
         let s = file.sequence.clone();
         if file.camera.dual_pixel || s.staggered.is_some() {
@@ -203,7 +203,8 @@ impl Sequence {
         matches!(self, Sequence::Bracket { .. } | Sequence::Staggered { .. })
     }
 
-    /// Refuses what a camera, as it is, cannot take.
+    /// Refuses what a camera, as it is, cannot take. Fails on split pixels with a lens that is sharp everywhere, microlenses, a second reading, a quick look, stray light
+    /// or a time limit, and on interleaved exposures with a flash or where rows are not reset one after the other.
     pub fn check(&self, shot: &Shot) -> Result<(), ShotError> {
         match self {
             Sequence::DualPixel => shot.can_split_pixels(),
@@ -212,7 +213,7 @@ impl Sequence {
         }
     }
 
-    /// Makes a metered shot ready for a picture of the sequence; pictures must be taken in order, from 0.
+    /// Makes a metered shot ready for a picture of the sequence; pictures must be taken in order, from 0. Fails as [`Shot::turn_to`], and where the lens cannot be set.
     pub fn turn(&self, shot: &mut Shot, k: usize, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         let at = shot.at_s();
         match *self {

@@ -12,7 +12,8 @@ use glam::Mat3;
 use std::ops::RangeInclusive;
 use std::path::Path;
 
-/// Reads a scene by the name of an embedded one or from a file. `strict`: a texture that cannot be read is an error instead of a warning.
+/// Reads a scene by the name of an embedded one or from a file. `strict`: a texture that cannot be read is an error instead of a warning. Fails on a name that is not
+/// known, and on a file that cannot be read or is no scene.
 pub fn read_scene(name: &str, strict: bool) -> Result<Description, ShotError> {
     if let Some(description) = builtin::named(name) {
         return Ok(description);
@@ -229,7 +230,8 @@ pub(super) fn ideal_fisheye(name: &str) -> Option<ModelKind> {
     ideal.contains(&kind).then_some(kind)
 }
 
-/// Reads a lens by the name of an embedded one or from a file; "sheet.toml#17" is a build of a tolerance sheet.
+/// Reads a lens by the name of an embedded one or from a file; "sheet.toml#17" is a build of a tolerance sheet. Fails on a name that is not known, on an ideal lens,
+/// which has no surfaces, and on a file that cannot be read or is no lens.
 pub fn read_lens(name: &str) -> Result<Prescription, ShotError> {
     if IDEAL.contains(&name) {
         let expected =
@@ -259,7 +261,7 @@ pub fn read_lens(name: &str) -> Result<Prescription, ShotError> {
     }
 }
 
-/// Reads a body by name or from a TOML file.
+/// Reads a body by name or from a TOML file. Fails on a name that is not known, and on a file that cannot be read or has a wrong entry.
 pub fn read_body(name: &str) -> Result<Sensor, ShotError> {
     if !name.ends_with(".toml") {
         return Ok(Sensor::named(name)?);
@@ -269,7 +271,8 @@ pub fn read_body(name: &str) -> Result<Sensor, ShotError> {
     Ok(Sensor::parse(&text, name)?)
 }
 
-/// Reads a `.hdr`, `.exr` or `.pfm` as an environment.
+/// Reads a `.hdr`, `.exr` or `.pfm` as an environment. Its numbers times `scale` are cd/m²; it is turned by `rotation_deg` about the vertical, counter-clockwise from
+/// above. Fails on other endings and on files that cannot be read.
 pub fn read_environment(path: &Path, rotation_deg: f32, scale: f32) -> Result<Environment, ShotError> {
     let bytes = read_file(path)?;
     let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());

@@ -246,7 +246,7 @@ fn sun_for(stand: &Stand) -> [f64; 2] {
     [SUN_DEG[0], (azimuth + 180.0).rem_euclid(360.0) - 180.0]
 }
 
-/// Sun and sky as a shot asks for them.
+/// Sun and sky as a shot asks for them. Fails unless the sun is given, or time and place, and on numbers out of range.
 pub fn daylight(section: &DaylightSection) -> Result<Daylight, ShotError> {
     let within = |what, v: Option<f64>, default: f64, range: std::ops::RangeInclusive<f64>| {
         let v = v.unwrap_or(default);

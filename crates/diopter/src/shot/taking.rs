@@ -74,13 +74,13 @@ impl Shot {
         expose::summed_bands(self.bands(), self.reweights(), self.makes_stars(), self.settings.records_direct())
     }
 
-    /// Exposes the film. [`Shot::meter`] must have been called.
+    /// Exposes the film. [`Shot::meter`] must have been called. Fails as [`Shot::expose_from`].
     pub fn expose(&self, watch: &Watch) -> Result<FocalPlane, ShotError> {
         Ok(self.expose_from(None, watch, None)?.plane)
     }
 
     /// Exposes the film, or goes on from where `start` stands. `keep` and being stopped: see [`Exposure::run`]. What was stopped is not denoised, nor what
-    /// is denoised for pictures alone ([`Shot::for_pictures`]).
+    /// is denoised for pictures alone ([`Shot::for_pictures`]). Fails as [`Exposure::run`] and [`Filter::denoise`].
     pub fn expose_from(&self, start: Option<Sums>, watch: &Watch, keep: Option<Keep>) -> Result<Exposed, ShotError> {
         if self.lens_cap {
             let plane = darkness(&self.camera.film, &self.response(), &self.settings, self.plane_facts());
@@ -152,7 +152,7 @@ impl Shot {
     /// ([`Denoise::Auto`]) they are denoised, by [`Shot::for_pictures`], and made of fewer samples. `warn` gets what is wrong with the filter.
     ///
     /// Light fields are left: behind microlenses neighbours see other parts of the scene. A quick look makes its blur from a sharp exposure, which is
-    /// the one that is denoised, unless raw files are made of it.
+    /// the one that is denoised, unless raw files are made of it. Fails where the file that `render.oidn` names cannot be used.
     pub fn denoise_pictures(&mut self, raw_too: bool, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         let quick = self.file.render.quick;
         if self.denoise == Denoise::Auto && self.camera.film.microlenses.is_none() && !self.lens_cap && !(quick && raw_too) {
@@ -181,8 +181,8 @@ impl Shot {
         network.then(|| expose::features(&self.scene, camera, &self.shutter()))
     }
 
-    /// The exposure that pictures to look at are developed from, if it is another than `plane`: one without the renderer's noise. What was stopped is
-    /// not denoised.
+    /// The exposure that pictures to look at are developed from, if it is another than `exposed`: one without the renderer's noise. What was stopped is not denoised.
+    /// Fails as [`Filter::denoise`].
     pub fn for_pictures(&self, exposed: &Exposed) -> Result<Option<FocalPlane>, ShotError> {
         match &self.filter {
             Some(filter) if !self.denoises_exposure() && !exposed.stopped => {
@@ -201,7 +201,7 @@ impl Shot {
     }
 
     /// The same for planes that memory cannot hold, in about `memory` bytes beside what [`Shot::bytes_needed`] says: the sums lie in a temporary file in
-    /// `folder`. [`Shot::can_expose_rows`] must hold.
+    /// `folder`. [`Shot::can_expose_rows`] must hold. Fails as [`Exposure::run_paged`].
     pub fn expose_rows(
         &self,
         start: Option<Sums<PagedRows>>,
@@ -266,7 +266,7 @@ impl Shot {
         settings
     }
 
-    /// Reads the film out.
+    /// Reads the film out. Fails on a plane that does not hold the electrons of the body's channels, and on an ISO speed or temperature out of range.
     pub fn read_out(&self, plane: &FocalPlane) -> Result<RawImage, ShotError> {
         let mut raw = read_out(plane, &self.sensor, &self.reading, &white_point(&self.reading.white)?)?;
         raw.header.facts.date.clone_from(&self.date);
@@ -279,7 +279,7 @@ impl Shot {
         Ok(raw)
     }
 
-    /// Develops a raw image by the shot's recipe.
+    /// Develops a raw image by the shot's recipe. Fails where the recipe asks for what the file cannot give, such as the focus of a light field.
     pub fn develop(&self, raw: &RawImage) -> Result<Picture, ShotError> {
         Ok(develop(raw, &self.recipe, self.lut.clone())?)
     }

@@ -56,7 +56,7 @@ fn time(what: &'static str, given: Option<Seconds>, default: f64) -> Result<f64,
 }
 
 impl Timing {
-    /// `view`: the scene's camera.
+    /// Checks the times of a shot; `view`: the scene's camera. Fails on times out of range, on names that are not known, and on settings of several kinds of shutter.
     pub fn new(file: &ShotFile, sensor: &Sensor, view: Option<&Viewpoint>) -> Result<Self, ShotError> {
         let at_s = time("at", file.scene.at, 0.0)?;
         let s = &file.shutter;
@@ -141,7 +141,7 @@ impl Timing {
         Ok(Timing { at_s, begun_s: at_s, frozen, mechanism, flash, carrier: None, path, mounted: None, shake, end_s: None })
     }
 
-    /// Lays the camera's path; stops that are aimed at nothing look at `center`.
+    /// Lays the camera's path; stops that are aimed at nothing look at `center`. Fails on times out of range and on stops that look nowhere.
     pub fn lay_path(&mut self, file: &ShotFile, center: Vec3) -> Result<(), ShotError> {
         for stop in &file.camera.path {
             let aim = stop.look_at.or(file.camera.look_at).map_or(center, Vec3::from_array);
@@ -153,7 +153,7 @@ impl Timing {
         Ok(())
     }
 
-    /// Chooses the animations that run.
+    /// Chooses the animations that run. Fails on an animation that the scene does not have.
     pub fn play(&mut self, d: &mut Description, s: &SceneSection) -> Result<(), ShotError> {
         let names: Vec<String> = d.animations.iter().enumerate().map(|(i, a)| format!("{i} \"{}\"", a.name)).collect();
         let animations = match s.animation.as_deref() {
@@ -198,7 +198,7 @@ impl Timing {
         self.end_s = other.end_s;
     }
 
-    /// Where the camera is during an exposure of a length; `placed`: where it stands if nothing moves it.
+    /// Where the camera is during an exposure of a length, s; `placed`: where it stands (world from camera) if nothing moves it.
     pub fn camera_motion(&self, scene: &Scene, placed: Affine3A, total_s: f64) -> CameraMotion {
         let timeline = scene.description().timeline();
         let steady = |t: f64| -> Affine3A {
@@ -230,7 +230,7 @@ impl Timing {
         self.shake.is_some() || self.mounted.as_ref().is_some_and(|mounted| mounted.path.shake().is_some())
     }
 
-    /// What moves in a camera against its shake during an exposure of a length, s.
+    /// What moves in a camera against its shake during an exposure of a length, s. Fails on a group that the lens does not have.
     pub fn moving_part(&self, stabiliser: &Stabiliser, camera: &Camera, total_s: f64) -> Result<MovingPart, LensError> {
         let answered = |t: f64| -> DVec2 {
             match (&self.mounted, &self.shake) {
@@ -250,7 +250,7 @@ impl Timing {
         stabiliser.during(camera, total_s, answered)
     }
 
-    /// Says when a flash does not reach all of the picture.
+    /// Says when a flash that burns between two moments, s, does not reach all of the picture (`all`).
     pub fn warn_of_sync(&self, shutter: &Shutter, (from, to): (f64, f64), all: bool, warn: &mut dyn FnMut(&str)) {
         if all {
             return;

@@ -61,6 +61,7 @@ pub(super) struct Filters {
 }
 
 impl Filters {
+    /// What blurs on a film with these pixels; `crosstalk`: fraction that each neighbour gets; `development_px2`: variance along each axis, px².
     pub fn new(film: &Film, crosstalk: f64, development_px2: [f64; 2]) -> Filters {
         let pitch_mm = [film.width_mm / film.columns as f64, film.height_mm / film.rows as f64];
         let aperture_mm = [0, 1].map(|k| (pitch_mm[k] - film.gap_mm[k]).max(0.0));

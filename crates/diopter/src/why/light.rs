@@ -122,12 +122,12 @@ impl Pixel<'_> {
         Ok((expected, reader.header(&ExposureFacts::default(), &white)))
     }
 
-    /// Mean electrons of light of the pixel, crosstalk included.
+    /// Mean electrons of light of the pixel, crosstalk included. Fails on a reading out of the body's ranges.
     pub fn electrons(&self) -> Result<f64, SensorError> {
         Ok(f64::from(self.expected(&even(self.sensor), 1.0)?.0.electrons))
     }
 
-    /// The parts of its noise; `renderer_variance`: of its electrons by the samples of the exposure, e⁻².
+    /// The parts of its noise; `renderer_variance`: of its electrons by the samples of the exposure, e⁻². Fails as [`Pixel::electrons`].
     pub fn noise(&self, renderer_variance: f64) -> Result<Noise, SensorError> {
         let sensor = even(self.sensor);
         let variance =
@@ -191,7 +191,7 @@ impl Pixel<'_> {
         })
     }
 
-    /// What a raw file of it says, and the fraction of saturation that an electron is there.
+    /// What a raw file of it says, and the fraction of saturation that an electron is there. Fails as [`Pixel::electrons`].
     pub fn header(&self) -> Result<(RawHeader, f64), SensorError> {
         let (_, header) = self.expected(&even(self.sensor), 1.0)?;
         let step = self.sensor.at_iso(self.reading.iso)?;

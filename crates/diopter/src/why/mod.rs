@@ -251,7 +251,8 @@ fn usual_place(report: Option<&Report>) -> [f64; 2] {
 }
 
 /// Why a place (0 to 1 across and down) of the picture that a shot takes is as it is; without a place, where `report` says that it was focused, else in the middle.
-/// The shot must have been focused and metered ([`Shot::focus`], [`Shot::meter`]).
+/// The shot must have been focused and metered ([`Shot::focus`], [`Shot::meter`]). Fails on a place outside the picture or the image circle, with the cap on the lens,
+/// and behind microlenses.
 pub fn why(shot: &Shot, at: Option<[f64; 2]>, report: Option<&Report>) -> Result<Why, ShotError> {
     let film = &shot.camera.film;
     let size = [film.columns, film.rows];

@@ -59,7 +59,7 @@ impl Colors {
         Colors { cumulative }
     }
 
-    /// Of one wavelength.
+    /// Of one wavelength, nm.
     pub fn one(nm: f64) -> Colors {
         Colors { cumulative: vec![[nm, 0.0], [nm, 1.0]] }
     }

@@ -18,7 +18,7 @@ pub struct Disguised<R> {
 }
 
 impl<R: Read + Seek> Disguised<R> {
-    /// Dresses a classic TIFF up; returns it with the place of its real first directory. `None` of anything else.
+    /// Dresses a classic TIFF up; returns it with the place of its real first directory. `None` of anything else. Fails where reading does.
     pub fn new(mut inner: R) -> Result<(Self, Option<u64>)> {
         let length = inner.seek(SeekFrom::End(0))?;
         inner.seek(SeekFrom::Start(0))?;

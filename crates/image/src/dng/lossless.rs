@@ -88,7 +88,7 @@ fn codes(lengths: &[u8; 17]) -> ([u16; 17], Vec<u8>) {
     (codes, order)
 }
 
-/// Encodes a rectangle of numbers of `bits` bits; `width` is even and `pixels` whole rows.
+/// Encodes a rectangle of numbers of `bits` bits; `width` is even and `pixels` whole rows. `bits`: 2 to 16.
 pub fn encode(pixels: &[u16], width: usize, bits: u32) -> Vec<u8> {
     debug_assert!(width.is_multiple_of(2) && pixels.len().is_multiple_of(width));
     let height = pixels.len() / width;
@@ -254,7 +254,8 @@ pub struct Decoded {
     pub data: Vec<u16>,
 }
 
-/// Decodes a picture of at most `most` numbers.
+/// Decodes a picture of at most `most` numbers. Fails on bytes that end early or contradict themselves, on larger pictures, and
+/// on what is not read: components of different sizes or in several scans, restart intervals.
 pub fn decode(bytes: &[u8], most: usize) -> Result<Decoded, ImageError> {
     let short = || malformed("it ends early");
     if !bytes.starts_with(&[0xff, 0xd8]) {

@@ -56,7 +56,8 @@ impl Predictor {
 }
 
 /// The numbers of a strip or tile of `width` × `height` pixels, of which `rows` are wanted: rows of `width` × samples numbers, at least `rows` of
-/// them. `linear`: the number that a floating-point sample becomes.
+/// them. `linear`: the number that a floating-point sample becomes. Fails on a compression or predictor that is not read, and on bytes that are damaged
+/// or too few.
 pub fn numbers(
     bytes: &[u8],
     storage: &Storage,

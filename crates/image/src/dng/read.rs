@@ -103,7 +103,8 @@ impl<R: Read + Seek> File<R> {
     }
 }
 
-/// Reads the mosaic of a DNG and what it says about it.
+/// Reads the mosaic of a DNG and what it says about it. Fails on a TIFF that is no DNG or holds no raw numbers, on samples, bits, patterns or levels that are not read, and
+/// on a file that is damaged or cut short.
 pub fn read(mut from: impl Read + Seek) -> Result<RawImage, ImageError> {
     read_from(&mut from)
 }

@@ -37,13 +37,14 @@ const THUMBNAIL: usize = 256;
 /// JPEG quality of the preview.
 const PREVIEW_QUALITY: u8 = 85;
 
-/// Writes a raw image. `preview` is a developed picture of it, of any size.
+/// Writes a raw image. `preview` is a developed picture of it, of any size. Fails on a side of 0 or above 65 535 numbers, on more numbers
+/// than 32-bit offsets reach, on a preview that no JPEG holds, and where writing does.
 pub fn write_image(raw: &RawImage, storage: Storage, preview: Option<&Picture>, to: impl Write + Seek) -> Result<(), ImageError> {
     let size = [raw.mosaic.width, raw.mosaic.height];
     write(&raw.header, size, storage, &mut rows_of(&raw.mosaic), || preview.cloned(), to)
 }
 
-/// The rows of a mosaic that is in memory.
+/// The rows of a mosaic that is in memory. They never fail; rows that the mosaic does not have panic.
 pub fn rows_of(mosaic: &Raster<u16>) -> impl FnMut(usize, &mut [u16]) -> Result<(), ImageError> + '_ {
     move |first, to| {
         to.copy_from_slice(&mosaic.data[first * mosaic.width..][..to.len()]);
@@ -52,6 +53,7 @@ pub fn rows_of(mosaic: &Raster<u16>) -> impl FnMut(usize, &mut [u16]) -> Result<
 }
 
 /// Writes a raw image whose rows are asked for in turn, from the top, and whose preview is asked for after them. `width`: numbers a row.
+/// Fails as [`write_image`], and where `rows` does.
 pub fn write(
     header: &RawHeader,
     [width, height]: [usize; 2],

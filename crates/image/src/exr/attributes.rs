@@ -13,7 +13,8 @@ const FIRST_READ: u64 = 1 << 16;
 /// Bit of the version field of files with several parts.
 const MULTIPART: u8 = 0x10;
 
-/// Puts the attributes of each part of a file into the order of their names: the same picture is then the same bytes. Nothing else moves.
+/// Puts the attributes of each part of a file into the order of their names: the same picture is then the same bytes. Nothing else moves. Fails on
+/// what does not begin as an EXR file, and on a header that is cut off.
 pub fn sort_attributes(file: &mut [u8]) -> Result<(), ImageError> {
     let wrong = |reason: &str| ImageError::Malformed { format: "EXR", reason: reason.to_owned() };
     let flags = file.get(5).copied().filter(|_| file[..4] == [0x76, 0x2f, 0x31, 0x01]);
@@ -55,7 +56,7 @@ fn sort_header(file: &mut [u8], begin: usize) -> Result<usize, ImageError> {
     Ok(at)
 }
 
-/// The same in a file that is open for reading and writing, of which only the header is read.
+/// The same in a file that is open for reading and writing, of which only the header is read. Fails as that does, or where the file does.
 pub fn sort_attributes_in(file: &mut (impl Read + Write + Seek)) -> Result<(), ImageError> {
     let length = file.seek(SeekFrom::End(0))?;
     let mut read = FIRST_READ;

@@ -162,7 +162,7 @@ fn write_rows<W: Write + Seek>(
     Ok(())
 }
 
-/// Writes a focal plane with all its planes, 32-bit floats.
+/// Writes a focal plane with all its planes, 32-bit floats. Fails where writing does.
 pub fn write_focal_plane(plane: &FocalPlane, mut to: impl Write + Seek) -> Result<(), ImageError> {
     write_focal_plane_to(plane, &mut to)
 }
@@ -173,7 +173,7 @@ fn write_focal_plane_to(plane: &FocalPlane, to: &mut dyn WriteSeek) -> Result<()
     exr::block::write(to, headers, true, |meta, writer| write_rows(&meta, &plane.bands, plane, 0, writer)).map_err(written)
 }
 
-/// Writes a focal plane strip by strip: the same file as [`write_focal_plane`] of the whole.
+/// Writes a focal plane strip by strip: the same file as [`write_focal_plane`] of the whole. Fails where the source or writing does.
 pub fn write_strips(source: &mut dyn FocalPlaneSource, mut to: impl Write + Seek) -> Result<(), ImageError> {
     write_strips_to(source, &mut to)
 }
@@ -256,7 +256,8 @@ pub struct FocalPlaneRows {
 }
 
 impl FocalPlaneRows {
-    /// Opens a focal plane that [`write_focal_plane`] wrote.
+    /// Opens a focal plane that [`write_focal_plane`] wrote. Fails where reading does, and on files that are no EXR, lack our description
+    /// or a band, are not stored in rows, or announce more pixels than they can hold.
     pub fn open(from: impl Read + Seek + 'static) -> Result<Self, ImageError> {
         Self::open_boxed(Box::new(from))
     }
@@ -298,7 +299,7 @@ impl FocalPlaneRows {
         self.size
     }
 
-    /// The next rows, `[row][column][band]`.
+    /// The next rows, `[row][column][band]`. Fails where fewer are left, and where they are damaged or not in order from the top.
     pub fn next(&mut self, rows: usize) -> Result<Vec<f32>, ImageError> {
         let stride = self.size[0] * self.bands.len();
         while self.ready.len() < rows * stride {
@@ -349,6 +350,7 @@ struct RowsOfFile {
 
 impl FocalPlaneStrips {
     /// Opens a focal plane that [`write_focal_plane`] wrote. What another program wrote again, in tiles or from below, is read as a whole.
+    /// Fails where reading does, and on files that are no EXR, lack our description or a channel, or announce more pixels than they hold.
     pub fn open(from: impl Read + Seek + 'static) -> Result<Self, ImageError> {
         Self::open_boxed(Box::new(from))
     }

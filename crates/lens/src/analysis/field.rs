@@ -129,7 +129,7 @@ impl Bench<'_> {
         Some(FieldPoint { field_deg, height, axial_height, ideal_height, equidistant_height, focus })
     }
 
-    /// Light at a film point at a height above the axis, by tracing from the film.
+    /// Light at a film point at a height (mm) above the axis, by tracing from the film.
     pub fn illumination(&self, height: f64, nm: f64) -> Illumination {
         let n = self.system.indices(nm);
         let film = DVec2::new(0.0, height).extend(self.system.film_z);
@@ -190,7 +190,7 @@ impl Bench<'_> {
         Illumination { height, geometric, with_losses }
     }
 
-    /// Fraction of the axial beam's area that a field's beam keeps: mechanical vignetting.
+    /// Fraction of the axial beam's area that a field's beam keeps: mechanical vignetting. `None` where no light comes through on the axis.
     pub fn vignetting(&self, field_deg: f64, nm: f64) -> Option<f64> {
         let (axis, beam) = (self.beam(0.0, nm)?, self.beam(field_deg, nm));
         let full = self.lit_area(&axis, nm, 96);

@@ -48,7 +48,7 @@ pub struct Fan {
 }
 
 impl Spot {
-    /// Of given film points.
+    /// Of given film points, mm; `passed`: fraction of the grid that they are.
     pub fn of(points: Vec<DVec2>, field_deg: f64, nm: f64, passed: f64) -> Spot {
         let count = points.len().max(1) as f64;
         let centroid = points.iter().sum::<DVec2>() / count;
@@ -124,7 +124,8 @@ impl Bench<'_> {
         Some((0..across * across).filter_map(|i| through(ray(i))).collect())
     }
 
-    /// Fans of a field angle (degrees): `count` rays each way, errors from the chief ray of `beam_nm`.
+    /// Fans of a field angle (degrees): `count` rays each way, errors from the chief ray of `beam_nm`. `None` where no light
+    /// comes through.
     pub fn fan(&self, field_deg: f64, nm: f64, beam_nm: f64, count: usize) -> Option<Fan> {
         let beam = self.beam(field_deg, beam_nm)?;
         let chief = self.on_film(&beam.image, 0.0);
@@ -145,7 +146,7 @@ impl Bench<'_> {
         Some(Fan { field_deg, nm, tangential: line(true), sagittal: line(false) })
     }
 
-    /// Radius of the axial beam across the chief ray, mm: what "relative pupil" counts in.
+    /// Radius of the axial beam across the chief ray, mm: what "relative pupil" counts in. `None` where no light comes through.
     pub fn axial_reach(&self, nm: f64) -> Option<f64> {
         let beam = self.beam(0.0, nm)?;
         let n = self.system.indices(nm);

@@ -141,7 +141,8 @@ impl Bench<'_> {
         Some((path + t * n[self.system.surfaces.len()], position + direction * t))
     }
 
-    /// Optical path difference, waves, of the ray through a place across the chief ray (mm).
+    /// Optical path difference, waves, of the ray through a place across the chief ray (mm). `None` where it or the chief ray does not come
+    /// through.
     pub fn opd_of(&self, beam: &Beam, at: DVec2, nm: f64) -> Option<f64> {
         self.opd(beam, at, nm, &self.reference_path(beam, nm)?)
     }
@@ -152,7 +153,8 @@ impl Bench<'_> {
         Some((reference.path - path) / (nm * 1e-6))
     }
 
-    /// Root mean square of the wavefront error over the lit pupil, waves, about its mean.
+    /// Root mean square of the wavefront error over the lit pupil, waves, about its mean. `across`: rays a side of the grid. `None` where
+    /// no light comes through.
     pub fn wavefront_rms(&self, field_deg: f64, nm: f64, across: usize) -> Option<f64> {
         let beam = self.beam(field_deg, nm)?;
         let reference = self.reference_path(&beam, nm)?;

@@ -37,7 +37,7 @@ macro_rules! prepared {
         }
 
         impl Packet {
-            /// Puts a ray into a lane.
+            /// Puts a ray (mm, unit direction) into a lane: its path is 0, none of its light is lost.
             #[inline]
             pub fn set(&mut self, i: usize, position: [$float; 3], direction: [$float; 3]) {
                 [self.x[i], self.y[i], self.z[i]] = position;

@@ -1,6 +1,7 @@
 //! What a bare surface, one quarter-wave film of magnesium fluoride and evaporated aluminium let pass and reflect.
 
-/// Fresnel's transmitted fraction of unpolarised light.
+/// Fresnel's transmitted fraction of unpolarised light. `n0`, `n1`: indices before and after; `c0`, `c1`: cosines of incidence
+/// and refraction. Source: Born & Wolf §1.5.
 pub fn fresnel(n0: f64, n1: f64, [c0, c1]: [f64; 2]) -> f64 {
     let s = (n0 * c0 - n1 * c1) / (n0 * c0 + n1 * c1);
     let p = (n1 * c0 - n0 * c1) / (n1 * c0 + n0 * c1);

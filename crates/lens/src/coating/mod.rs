@@ -72,7 +72,7 @@ impl Stack {
     }
 
     /// What it does to light that comes from a transparent medium of index `incident` and goes towards `substrate`. [`TraceDirection::ToFilm`]: the light
-    /// meets the first layer first; [`TraceDirection::ToObject`]: the last.
+    /// meets the first layer first; [`TraceDirection::ToObject`]: the last. `cos`: of incidence; `nm`: wavelength in vacuum.
     pub fn response(&self, way: TraceDirection, incident: f64, substrate: Complex, cos: f64, nm: f64) -> Response {
         let films = self.layers.iter().map(|l| (l.material.index(nm), l.thickness_nm));
         match way {
@@ -103,7 +103,8 @@ pub enum SurfaceCoating {
 }
 
 impl SurfaceCoating {
-    /// What it does to light of a medium of index `n[0]` that comes to a medium of index `n[1]` (of a mirror: aluminium), s and p apart.
+    /// What it does to light of a medium of index `n[0]` that comes to a medium of index `n[1]` (of a mirror: aluminium), s and p apart. `cos`: of
+    /// incidence; `nm`: wavelength in vacuum.
     pub fn response(&self, mirror: bool, way: TraceDirection, n: [f64; 2], cos: f64, nm: f64) -> Response {
         let substrate = if mirror { material::aluminium(nm) } else { n[1].into() };
         let flat = |r: f64| {

@@ -43,7 +43,8 @@ pub(super) fn focal_length_of(p: &Prescription, far: &System) -> f64 {
 
 /// Position of a zoom at which it has a focal length: a printed one where that is its focal length; else between two neighbouring printed
 /// positions whose focal lengths are on either side. Between them gaps are interpolated and the focal length need not be monotone, so
-/// that a search over all of the travel could end in a state that nobody printed.
+/// that a search over all of the travel could end in a state that nobody printed. `focal_length` in mm, without it the shortest printed. Fails
+/// more than 6 % outside of the printed ones, and on a prime 10 % or more off its own.
 pub fn zoom_position(p: &Prescription, focal_length: Option<f64>) -> Result<f64, LensError> {
     /// A focal length this near (relative) to a printed one means the printed position: figures are rounded.
     const SAME: f64 = 1e-3;

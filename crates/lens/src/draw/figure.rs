@@ -76,12 +76,12 @@ pub struct Figure {
 }
 
 impl Figure {
-    /// An empty sheet.
+    /// An empty sheet; its size in points.
     pub fn new(width: f64, height: f64) -> Self {
         Figure { width, height, items: vec![] }
     }
 
-    /// A line; points that are not numbers break it.
+    /// A line; points that are not numbers break it. `width` and `dash` (0: unbroken) in points.
     pub fn line(&mut self, points: impl IntoIterator<Item = DVec2>, color: Color, width: f64, dash: f64) {
         let mut part = vec![];
         for p in points {
@@ -98,7 +98,7 @@ impl Figure {
         }
     }
 
-    /// A text.
+    /// A text. Place and size in points.
     pub fn text(&mut self, at: DVec2, text: impl Into<String>, size: f64, anchor: Anchor) {
         self.items.push(Item::Text { at, text: text.into(), size, anchor, upwards: false, color: INK });
     }

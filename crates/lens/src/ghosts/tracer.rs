@@ -132,13 +132,15 @@ impl<'a> GhostTracer<'a> {
     }
 
     /// Follows a ray that comes from the object through the lens, thrown back at the surfaces `turns` one after the other (the number of all
-    /// surfaces: the sensor), to the film. No turn: the direct light; a [`super::Pair`]: `[back, forth]`.
+    /// surfaces: the sensor), to the film. No turn: the direct light; a [`super::Pair`]: `[back, forth]`. `Err` where it misses a surface, is clipped or totally reflected, or
+    /// the turns do not lead to the film.
     pub fn follow(&self, ray: TracedRay, turns: &[usize]) -> Result<Arrival, Blocked> {
         let ray = self.system.ray_from_object(ray);
         self.go_on(Walk { o: ray.position, d: ray.direction, fraction: 1.0, gap: 0, way: TraceDirection::ToFilm }, turns)
     }
 
     /// Follows light that has arrived at the sensor back from it, in an order of its grating (0, 0: as from a mirror), thrown back at the surfaces `turns`, to the film again.
+    /// `Err` as [`GhostTracer::follow`], and where the order has no light or does not exist.
     pub fn follow_back(&self, arrival: &Arrival, order: [i32; 2], turns: &[usize]) -> Result<Arrival, Blocked> {
         let count = self.system.surfaces.len();
         let d = arrival.direction;

@@ -40,7 +40,7 @@ impl Finish {
     }
 
     /// Fraction of the light that goes through a surface that roughness scatters: (2π σ Δn / λ)², Δn the step of index × cosine (total integrated scatter
-    /// of a smooth surface).
+    /// of a smooth surface). At most 0.5.
     pub fn rough_fraction(&self, step: f64, nm: f64) -> f64 {
         (2.0 * std::f64::consts::PI * self.roughness_nm * step / nm).powi(2).min(0.5)
     }
@@ -77,7 +77,7 @@ impl Lobe {
         if power.abs() < 1e-9 { x.ln() } else { (x.powf(power) - 1.0) / power }
     }
 
-    /// Fraction of a disk of radius `most` that lies within `r`.
+    /// Fraction of the light in a disk of radius `most` that lies within `r`; both in direction cosines times the index.
     pub fn fraction(&self, r: f64, most: f64) -> f64 {
         self.within(r) / self.within(most)
     }

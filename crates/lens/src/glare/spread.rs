@@ -61,7 +61,8 @@ pub struct GlareSpread {
 
 impl GlareSpread {
     /// Traces it for `fields` points of the image from the axis to `reach_mm`, each with `rays` rays over the front in each of [`BINS_NM`] (what they
-    /// split into not counted). Fields that no light reaches are left out. The same numbers for any number of threads.
+    /// split into not counted). Fields that no light reaches are left out. The same numbers for any number of threads. Fails on lenses that
+    /// [`GlareTracer::new`] refuses.
     pub fn of(system: &System, reach_mm: f64, sensor_reflectance: f64, fields: usize, rays: usize) -> Result<GlareSpread, Unfit> {
         let film = DVec2::splat(reach_mm);
         let tracers = BINS_NM.map(|nm| GlareTracer::new(system, nm, film, sensor_reflectance));

@@ -157,7 +157,8 @@ impl<'a> GlareTracer<'a> {
     }
 
     /// For a wavelength in nm and a film of half width and half height `film`, mm; `sensor_reflectance`: 0 to 1,
-    /// [`crate::ghosts::SENSOR_REFLECTANCE`] where nothing is known.
+    /// [`crate::ghosts::SENSOR_REFLECTANCE`] where nothing is known. Fails on lenses that do not look the same from all sides, and on mirrors, graded
+    /// glass and ideal surfaces.
     pub fn new(system: &'a System, nm: f64, film: DVec2, sensor_reflectance: f64) -> Result<GlareTracer<'a>, Unfit> {
         if !system.is_rotational() {
             return Err(Unfit::NotRound);

@@ -73,7 +73,8 @@ pub fn catalogue_glasses(vendor: &str) -> Option<Vec<Glass>> {
 }
 
 /// The glass of a name: dashes and case do not count; the vendor may stand before ("schott/", "SCHOTT:") or behind
-/// ("_SCHOTT", "(SCHOTT)"). Without one, `preferred` vendors are asked first.
+/// ("_SCHOTT", "(SCHOTT)"). Without one, `preferred` vendors are asked first. Fails on an unknown name, with those near it, and
+/// on a glass of which the name alone is known.
 pub fn find(name: &str, preferred: &[&str]) -> Result<Glass, GlassError> {
     let catalogue = catalogue();
     let vendor_of = |text: &str| VENDORS.iter().position(|v| v.eq_ignore_ascii_case(text.trim()));

@@ -100,14 +100,15 @@ impl Glass {
         Glass { name: "air".into(), kind: GlassKind::Air, absorption: vec![] }
     }
 
-    /// One index for all wavelengths.
+    /// One index for all wavelengths. Fails outside 1 to 4.5.
     pub fn constant(n: f64) -> Result<Self, GlassError> {
         let name = format!("{n}");
         check_index(&name, n)?;
         Ok(Glass { name, kind: GlassKind::Constant(n), absorption: vec![] })
     }
 
-    /// Through nd and Vd along the normal line, moved off it by `d_pgf`.
+    /// Through nd and Vd along the normal line, moved off it by `d_pgf`. Fails on an index outside 1 to 4.5, a Vd outside 10 to
+    /// 150 and a `d_pgf` beyond ±0.2.
     pub fn model(nd: f64, vd: f64, d_pgf: f64) -> Result<Self, GlassError> {
         let name = if d_pgf == 0.0 { format!("{nd}/{vd}") } else { format!("{nd}/{vd}/{d_pgf}") };
         check_index(&name, nd)?;
@@ -128,7 +129,7 @@ impl Glass {
         Ok(Glass { name, kind: GlassKind::Model { nd, vd, cauchy }, absorption: vec![] })
     }
 
-    /// Through four published indices at d, C, F and g.
+    /// Through four published indices at d, C, F and g. Fails on an index outside 1 to 4.5, and unless nC ≤ nd ≤ nF ≤ ng.
     pub fn measured(nd: f64, n_c: f64, n_f: f64, n_g: f64) -> Result<Self, GlassError> {
         let name = format!("d {nd} C {n_c} F {n_f} g {n_g}");
         for n in [nd, n_c, n_f, n_g] {
@@ -150,7 +151,8 @@ impl Glass {
     }
 
     /// Through any published indices: pairs (nm, n). A Cauchy polynomial of as many terms as pairs, at most four: of more pairs
-    /// those nearest to g, F, d and C are taken.
+    /// those nearest to g, F, d and C are taken. Fails without a pair, on wavelengths outside 200 to 3000 nm or less than 1 nm
+    /// apart, and on an index outside 1 to 4.5, at the d line too.
     pub fn through(name: &str, pairs: &[(f64, f64)]) -> Result<Self, GlassError> {
         let wrong = |what: String| GlassError::Range { name: name.into(), what };
         for (nm, n) in pairs {
@@ -190,12 +192,13 @@ impl Glass {
     }
 
     /// A glass as a prescription writes it: `air`, a catalogue name with or without its vendor (`N-BK7`, `schott/N-BK7`,
-    /// `NBK7_SCHOTT`), `nd/Vd`, `nd/Vd/ΔPgF`, `d .. C .. F .. g ..`, or one constant index.
+    /// `NBK7_SCHOTT`), `nd/Vd`, `nd/Vd/ΔPgF`, `d .. C .. F .. g ..`, or one constant index. Fails on a name that is not in the
+    /// catalogue, and on figures that no glass has.
     pub fn parse(text: &str) -> Result<Self, GlassError> {
         Self::parse_preferring(text, &[])
     }
 
-    /// The same; where several vendors have the name the first of `vendors` that does wins.
+    /// The same; where several vendors have the name the first of `vendors` that does wins. Fails as [`Glass::parse`].
     pub fn parse_preferring(text: &str, vendors: &[&str]) -> Result<Self, GlassError> {
         let name = text.trim();
         if name.is_empty() || name.eq_ignore_ascii_case("air") {

@@ -7,6 +7,8 @@ use crate::prescription::{Prescription, PrescriptionError, Surface};
 use crate::surface::Profile;
 use serde_json::Value;
 
+/// Reads such a file; `file` is its name in errors. Fails on what is not JSON, on missing, unknown or odd keys of a surface, and
+/// on what [`Prescription::checked`] refuses.
 pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     let value: Value = serde_json::from_str(text).map_err(|e| PrescriptionError::at(file, e.line(), format!("not JSON: {e}")))?;
     let wrong = |what: &str| PrescriptionError::at(file, 0, what);

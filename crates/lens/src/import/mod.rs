@@ -55,7 +55,8 @@ impl Format {
     pub const ENDINGS: &str = ".toml, .dat (pbrt), .zmx (Zemax), .seq (CODE V), .len (OSLO) or .json (ISET)";
 }
 
-/// Reads a lens file. `file` is its name, for errors and as the lens's name where the file has none.
+/// Reads a lens file. `file` is its name, for errors and as the lens's name where the file has none. Fails on more than
+/// [`LARGEST_FILE`] bytes, on what is not text, and on what its format or [`Prescription::checked`] refuses.
 pub fn read(bytes: &[u8], format: Format, file: &str) -> Result<Prescription, PrescriptionError> {
     if bytes.len() > LARGEST_FILE {
         let what = format!("{} bytes: a lens file has at most {LARGEST_FILE}", bytes.len());

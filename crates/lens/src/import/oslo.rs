@@ -103,6 +103,8 @@ impl Row {
     }
 }
 
+/// Reads a lens file; `file` is its name in errors. Fails, naming line and surface, on commands and figures that are not read (table above) and on what
+/// [`Prescription::checked`] refuses.
 pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     let mut p = Prescription::new(stem(file), vec![]);
     let mut skipped = Skipped::default();

@@ -7,6 +7,8 @@ use super::{drop_dummies, stem, table_row};
 use crate::prescription::{Prescription, PrescriptionError, Surface};
 use crate::surface::Profile;
 
+/// Reads such a table; `file` is its name in errors. Fails, naming line and surface, on rows that are not four numbers, and on
+/// what [`Prescription::checked`] refuses.
 pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     let mut surfaces: Vec<Surface> = vec![];
     let mut focal_length = None;

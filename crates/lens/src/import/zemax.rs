@@ -179,6 +179,8 @@ impl Block {
     }
 }
 
+/// Reads a lens file; `file` is its name in errors. Fails, naming line and surface, on keywords and figures that are not read (table above) and on what
+/// [`Prescription::checked`] refuses.
 pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     let mut blocks: Vec<Block> = vec![];
     let mut p = Prescription::new(stem(file), vec![]);

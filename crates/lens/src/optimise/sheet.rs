@@ -152,7 +152,8 @@ pub(super) enum Surfaces {
 }
 
 impl MeritSheet {
-    /// Reads a merit file; `file` is its name in errors.
+    /// Reads a merit file; `file` is its name in errors. Fails, with the line where there is one, on other keys than these and on
+    /// numbers out of their ranges.
     pub fn parse(text: &str, file: &str) -> Result<MeritSheet, PrescriptionError> {
         let sheet: File = toml::from_str(text).map_err(|e| {
             let line = e.span().map_or(0, |s| line_of(text, s.start));

@@ -28,7 +28,9 @@ impl Prescription {
         self.zoom.len() < 2 && self.close_focus.is_none() && self.surfaces.iter().all(opening)
     }
 
-    /// Checks every number, infers stop and semi-diameters that are missing (and notes that), and returns the lens.
+    /// Checks every number, infers stop and semi-diameters that are missing (and notes that), and returns the lens. Fails, naming line and surface
+    /// where they are known, on numbers out of their ranges, on a second stop, where surfaces cross or the film stands in the lens, and where a
+    /// base ray does not come through.
     pub fn checked(mut self, file: &str) -> Result<Self, PrescriptionError> {
         let whole = |what: String| PrescriptionError::at(file, 0, what);
         // What a file says about itself is shown on terminals and written into others.

@@ -128,7 +128,7 @@ impl Names {
 }
 
 /// The coating of a name, as `coating = "NAME"` in a prescription: for lenses that are to be looked at with another coating. `year` is what
-/// "year" goes by.
+/// "year" goes by. Fails on an unknown name, listing those there are, and on "year" without one.
 pub fn coating_named(name: &str, year: Option<u16>) -> Result<Coating, String> {
     Names { stacks: BTreeMap::new(), year }.named(name)
 }

@@ -20,7 +20,7 @@ pub struct Hood {
 }
 
 impl Hood {
-    /// What is wrong with it.
+    /// Fails unless its length is above 0 to 2000 mm and its diameter, if given, above 0 to 4000 mm; the error says what is wrong.
     pub fn check(&self) -> Result<(), String> {
         if !(self.length > 0.0 && self.length <= 2000.0) {
             return Err(format!("hood: length {}: expected above 0 to 2000, in mm", self.length));

@@ -206,7 +206,7 @@ impl From<Row> for Vec<f64> {
     }
 }
 
-/// Reads a prescription; `file` is its name in errors.
+/// Reads a prescription; `file` is its name in errors. Fails, with line and surface where they are known, on other keys than these and on what [`Prescription::checked`] refuses.
 pub fn read_toml(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     let sheet: Sheet = toml::from_str(text).map_err(|e| {
         let line = e.span().map_or(0, |s| line_of(text, s.start));

@@ -41,8 +41,8 @@ struct ElementEntry {
 }
 
 impl Compensators {
-    /// What may be adjusted in a lens beside its film: gaps, then shifts, then tilts, each with how far it may move either way. Errors name the
-    /// line in `text`, the sheet.
+    /// What may be adjusted in a lens beside its film: gaps, then shifts, then tilts, each with how far it may move either way. Fails on surfaces
+    /// that the lens does not have, on one that is given twice and on ranges that it cannot move by; errors name the line in `text`, the sheet.
     pub fn parameters(&self, p: &Prescription, file: &str, text: &str) -> Result<Vec<Parameter>, PrescriptionError> {
         let count = p.surfaces.len();
         let mut all: Vec<Parameter> = vec![];

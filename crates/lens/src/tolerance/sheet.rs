@@ -185,7 +185,8 @@ pub(crate) fn check_weights(file: &str, weights: Option<&Vec<f64>>, wavelengths:
 }
 
 impl ToleranceSheet {
-    /// Reads a sheet; `file` is its name in errors.
+    /// Reads a sheet; `file` is its name in errors. Fails, with the line where there is one, on other keys than these and on
+    /// numbers out of their ranges.
     pub fn parse(text: &str, file: &str) -> Result<ToleranceSheet, PrescriptionError> {
         let sheet: File = toml::from_str(text).map_err(|e| {
             let line = e.span().map_or(0, |s| line_of(text, s.start));

@@ -27,7 +27,8 @@ pub fn observer() -> &'static Observer {
     })
 }
 
-/// XYZ of a spectrum, ∫ f (x̄, ȳ, z̄) dλ over 360–830 nm in 1 nm steps, unscaled.
+/// XYZ of a spectrum over wavelength (nm), ∫ f (x̄, ȳ, z̄) dλ over 360–830 nm in 1 nm steps, unscaled: for a radiance in W·m⁻²·sr⁻¹·nm⁻¹, Y times 683 lm/W is in cd/m².
+/// Source: CIE 015:2018.
 pub fn xyz_of(spectrum: impl Fn(f32) -> f32) -> DVec3 {
     let o = observer();
     (360..=830).fold(DVec3::ZERO, |sum, nm| {
@@ -46,14 +47,14 @@ pub fn illuminant_names() -> Vec<String> {
     tables::read_csv(tables::ILLUMINANTS_CSV).0
 }
 
-/// Relative spectral power of a CIE illuminant by name (`D65`, `A`, `FL2` ...), unscaled; `None` for an unknown name.
+/// Relative spectral power of a CIE illuminant by name (`D65`, `A`, `FL2` ..., in either case), 380–780 nm at 5 nm, unscaled; `None` for an unknown name.
 pub fn illuminant(name: &str) -> Option<Table> {
     let (names, rows) = tables::read_csv(tables::ILLUMINANTS_CSV);
     let column = names.iter().position(|n| n.eq_ignore_ascii_case(name))? + 1;
     Some(Table::new(380.0, 5.0, rows.iter().map(|r| r[column] as f32).collect()))
 }
 
-/// D65 scaled to a luminance of 1 cd/m² (as radiance in W·m⁻²·sr⁻¹·nm⁻¹): the white of RGB lights.
+/// D65 scaled to a luminance of 1 cd/m², 380–780 nm at 5 nm (as radiance in W·m⁻²·sr⁻¹·nm⁻¹): the white of RGB lights.
 pub fn d65_one_nit() -> &'static Table {
     static D65: OnceLock<Table> = OnceLock::new();
     D65.get_or_init(|| {

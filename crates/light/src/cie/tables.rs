@@ -11,7 +11,7 @@ pub const ILLUMINANTS_CSV: &str = include_str!("illuminants_5nm.csv");
 /// Spectral reflectance of the 24 ColorChecker patches, 380–730 nm in 10 nm.
 pub const COLORCHECKER_CSV: &str = include_str!("colorchecker24_babelcolor_avg_10nm.csv");
 
-/// Reads a CSV of numbers with a header line: the column names after the first, and the rows.
+/// Reads a CSV of numbers with a header line: the column names after the first, and the rows, `[row][column]` with the first column.
 ///
 /// Panics on a malformed table: the tables are our own, and a test reads each.
 pub fn read_csv(text: &str) -> (Vec<String>, Vec<Vec<f64>>) {

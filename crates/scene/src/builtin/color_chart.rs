@@ -25,7 +25,7 @@ const STEP: f32 = 0.044;
 pub const FRAMING: Framing =
     Framing { look_from: Vec3::new(0.0, 0.0, 0.95), look_at: Vec3::ZERO, focal_length_mm: 100.0, f_number: 8.0, focus_m: 0.95 };
 
-/// The chart under an illuminant of `cie::illuminant`; `None` for an unknown one.
+/// The chart under an illuminant of `cie::illuminant`, named `name`; `None` for an unknown illuminant.
 pub fn description(name: &str, light: &str) -> Option<Description> {
     let light = illuminant(light)?;
     let direction = Vec3::new(0.0, -1.0, -1.0).normalize();

@@ -5,7 +5,7 @@ use glam::{Vec2, Vec3};
 use std::f32::consts::TAU;
 
 /// Spins a profile of (radius, height) points, m, about +y. Going up along the outside puts the outside out. Normals are
-/// smooth along the profile but for corners sharper than 40°. Texture coordinates: around, and along the profile.
+/// smooth along the profile but for corners sharper than 40°. Texture coordinates: around, and along the profile. Panics on a profile without points.
 pub fn turn(profile: &[Vec2], sectors: u32) -> Mesh {
     let direction = |i: usize| (profile[i + 1] - profile[i]).normalize_or_zero();
     let normal = |d: Vec2| Vec2::new(d.y, -d.x);
@@ -47,7 +47,8 @@ pub fn turn(profile: &[Vec2], sectors: u32) -> Mesh {
     mesh
 }
 
-/// Points of a Catmull-Rom curve through given ones, `steps` between each pair.
+/// Points of a Catmull–Rom curve (uniform; Catmull & Rom 1974) through given ones, `steps` for each pair and the last point; first numbers are at least 0. Panics without
+/// points.
 pub fn smooth(points: &[Vec2], steps: usize) -> Vec<Vec2> {
     let at = |i: i64| points[i.clamp(0, points.len() as i64 - 1) as usize];
     let mut curve = Vec::new();

@@ -54,7 +54,7 @@ pub struct Framing {
     pub focus_m: f64,
 }
 
-/// An embedded scene by name.
+/// An embedded scene by name; `None` for a name that [`is_embedded`] does not know.
 pub fn named(name: &str) -> Option<Description> {
     match name {
         "still-life" => Some(still_life::description()),
@@ -86,7 +86,7 @@ pub fn is_embedded(name: &str) -> bool {
     NAMES.iter().any(|(n, _)| *n == name) || chart_light(name).is_some()
 }
 
-/// The framing of an embedded scene, where it is not in the scene's own camera.
+/// The framing of an embedded scene; `None` where it is in the scene's own camera, or the name is unknown.
 pub fn framing(name: &str) -> Option<Framing> {
     match name {
         "still-life" => Some(still_life::FRAMING),

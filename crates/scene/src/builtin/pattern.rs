@@ -7,7 +7,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Paints `width` × `height` pixels with a function of (0..1, 0..1) giving linear sRGB.
+/// Paints `width` × `height` pixels with a function of (0..1 to the right, 0..1 down) giving linear sRGB, clamped to 0..1 and stored as sRGB codes.
 pub fn paint(width: usize, height: usize, color: impl Fn(Vec2) -> Vec3 + Sync) -> Arc<Image> {
     let code = |v: f32| (srgb_encode(v.clamp(0.0, 1.0)) * 255.0 + 0.5) as u8;
     let pixels = (0..width * height)

@@ -29,7 +29,8 @@ const REINSERTION_OF_FEW: f32 = 0.15;
 const FEW: usize = 1 << 17;
 
 impl Bvh {
-    /// Builds the hierarchy over primitives. Triangles with corners that are not finite must have been sorted out.
+    /// Builds the hierarchy over primitives. Triangles with corners that are not finite must have been sorted out. Panics where nodes, blocks of triangles or numbers of
+    /// others reach 2³⁰.
     pub fn build(primitives: &impl Primitives) -> Bvh {
         if primitives.is_empty() {
             return Bvh::default();

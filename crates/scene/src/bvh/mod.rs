@@ -29,7 +29,7 @@ impl Bounds {
     /// The box that holds nothing.
     pub const EMPTY: Bounds = Bounds { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
 
-    /// The box around points.
+    /// The box around points; the empty one without any.
     pub fn around(points: impl IntoIterator<Item = Vec3>) -> Self {
         points.into_iter().fold(Bounds::EMPTY, |b, p| Bounds { min: b.min.min(p), max: b.max.max(p) })
     }
@@ -39,23 +39,23 @@ impl Bounds {
         Bounds { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
-    /// Middle of the box.
+    /// Middle of the box, m; not a number for the empty one.
     pub fn center(&self) -> Vec3 {
         (self.min + self.max) * 0.5
     }
 
-    /// Edge lengths; negative for the empty box.
+    /// Edge lengths, m; negative for the empty box.
     pub fn size(&self) -> Vec3 {
         self.max - self.min
     }
 
-    /// Half the surface area, m².
+    /// Half the surface area, m²; 0 for the empty box.
     pub fn half_area(&self) -> f32 {
         let d = self.size().max(Vec3::ZERO);
         d.x * d.y + d.y * d.z + d.z * d.x
     }
 
-    /// The eight corners.
+    /// The eight corners: bits 0, 1 and 2 of the number say whether x, y and z are the greatest.
     pub fn corners(&self) -> [Vec3; 8] {
         let side = |low: f32, high: f32, high_one: bool| if high_one { high } else { low };
         std::array::from_fn(|i| {
@@ -231,7 +231,7 @@ struct End {
 }
 
 impl Bvh {
-    /// Corners of a hit triangle, in the space of the hierarchy.
+    /// Corners of a hit triangle by its [`Hit::slot`], in the space of the hierarchy, m. Panics on a slot that is none.
     #[inline]
     pub fn corners(&self, slot: u32) -> [Vec3; 3] {
         let block = &self.blocks[slot as usize / 8];
@@ -251,7 +251,7 @@ impl Bvh {
         })
     }
 
-    /// The box around everything, wherever it moves.
+    /// The box around everything, wherever it moves; empty without primitives.
     pub fn bounds(&self) -> Bounds {
         let open = self.nodes.first().map_or(Bounds::EMPTY, |n| all(&n.bounds));
         let close = self.end.as_ref().and_then(|e| e.bounds.first()).map_or(Bounds::EMPTY, all);

@@ -16,13 +16,13 @@ fn level() -> Level {
 }
 
 impl Bvh {
-    /// Nearest hit with 0 < t < `t_max` along `origin + t direction`.
+    /// Nearest hit with 0 < t < `t_max` along `origin + t direction`; distances count in lengths of `direction`, which need not be 1.
     #[inline]
     pub fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> Option<Hit> {
         dispatch!(level(), simd => traverse::<_, _, false, false>(simd, self, origin, direction, 0.0, t_max, filter))
     }
 
-    /// Nearest hit in a hierarchy that moves, at a fraction (0 to 1) of its motion.
+    /// Nearest hit, as [`Bvh::closest`], in a hierarchy that moves, at a fraction (0 to 1) of its motion.
     #[inline]
     pub fn closest_at(&self, fraction: f32, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> Option<Hit> {
         match self.end {
@@ -33,7 +33,7 @@ impl Bvh {
         }
     }
 
-    /// Any hit in a hierarchy that moves, at a fraction (0 to 1) of its motion.
+    /// Any hit, as [`Bvh::any`], in a hierarchy that moves, at a fraction (0 to 1) of its motion.
     #[inline]
     pub fn any_at(&self, fraction: f32, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> bool {
         match self.end {
@@ -45,7 +45,7 @@ impl Bvh {
         }
     }
 
-    /// Any hit with 0 < t < `t_max`.
+    /// Whether there is any hit with 0 < t < `t_max`, as [`Bvh::closest`] counts them.
     #[inline]
     pub fn any(&self, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> bool {
         dispatch!(level(), simd => traverse::<_, _, true, false>(simd, self, origin, direction, 0.0, t_max, filter)).is_some()

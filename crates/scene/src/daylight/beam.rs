@@ -47,7 +47,8 @@ const GASES: [(i32, f64); 3] = [(690, 0.15), (760, 4.0), (770, 0.35)];
 const OZONE_ATM_CM: f64 = 0.3;
 const WATER_CM: f64 = 1.4;
 
-/// Spectral irradiance on a plane that faces the sun, W·m⁻²·nm⁻¹, at an elevation (rad, 0 to π/2), a distance and a turbidity.
+/// Spectral irradiance on a plane that faces the sun, W·m⁻²·nm⁻¹, at an elevation (rad, 0 to π/2), a distance (astronomical units) and a turbidity (1 pure air to 10
+/// thick haze).
 pub fn irradiance(elevation: f64, distance_au: f64, turbidity: f64) -> Spectrum {
     let zenith_deg = 90.0 - elevation.to_degrees();
     let cos = elevation.sin();

@@ -47,7 +47,7 @@ impl Daylight {
         Daylight { sun, turbidity: 3.0, ground: 0.2, north: 0.0 }
     }
 
-    /// Towards the sun, in the world.
+    /// Unit direction towards the sun, in the world.
     pub fn direction(&self) -> Vec3 {
         let (azimuth, elevation) = (self.sun.azimuth + self.north, self.sun.elevation);
         glam::DVec3::new(elevation.cos() * azimuth.sin(), elevation.sin(), -elevation.cos() * azimuth.cos()).as_vec3()

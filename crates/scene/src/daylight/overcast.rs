@@ -15,7 +15,7 @@ pub const ILLUMINANCE_LX: f32 = 10_000.0;
 /// Columns and rows of the map: it depends on the elevation alone.
 const SIZE: [usize; 2] = [8, 256];
 
-/// The sky that makes `illuminance_lx` on the level ground, over an endless ground of an albedo.
+/// The sky that makes `illuminance_lx` on the level ground, over an endless ground of an albedo `ground` (0 to 1).
 pub fn sky(illuminance_lx: f32, ground: f32) -> Environment {
     let below = ground * illuminance_lx / PI;
     let [columns, rows] = SIZE;

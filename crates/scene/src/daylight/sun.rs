@@ -23,7 +23,8 @@ pub fn days_since_2000(year: i64, month: i64, day: i64, seconds: f64) -> f64 {
     julian - 2_451_545.0 + seconds / 86_400.0
 }
 
-/// The sun at a moment ([`days_since_2000`]) from a latitude and a longitude (north and east positive, rad).
+/// The sun at a moment ([`days_since_2000`], days of universal time) from a latitude and a longitude (north and east positive, rad), refracted by the air at 1010 hPa and
+/// 10 °C.
 pub fn place(days: f64, latitude: f64, longitude: f64) -> Place {
     // Universal and dynamical time differ by about 70 s, in which the sun moves 0.0008°.
     let t = (days + 70.0 / 86_400.0) / 36_525.0;

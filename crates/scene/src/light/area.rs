@@ -45,7 +45,7 @@ pub enum AreaShape {
 }
 
 impl AreaLight {
-    /// A light of a shape, with the emission of a material.
+    /// A light of a shape in the world (m), with the emission of a material by its number; `uv`: texture coordinates `[set][corner]`; `luminance`: its mean, cd/m².
     pub fn new(shape: AreaShape, material: u32, uv: [[Vec2; 3]; 2], two_sided: bool, luminance: f32) -> Self {
         let (normal, area) = match &shape {
             AreaShape::Triangle(q) => (q.normal(), 0.5 * q.area()),
@@ -55,7 +55,7 @@ impl AreaLight {
         AreaLight { shape, material, uv, alpha: [1.0; 3], two_sided, luminance, normal, area }
     }
 
-    /// The same light with other alphas of its corners.
+    /// The same light with other alphas (0 to 1) of its corners.
     #[must_use]
     pub fn with_alpha(self, alpha: [f32; 3]) -> Self {
         AreaLight { alpha, ..self }
@@ -105,7 +105,8 @@ impl AreaLight {
         Pivot::of_area(middle, area, (!self.two_sided).then_some((self.normal, 0.0)))
     }
 
-    /// Radiance at a place of the surface.
+    /// Radiance at a place of the surface (barycentric weights of the second and third corner, or (α, β)), W·m⁻²·sr⁻¹·nm⁻¹, times the fraction of rays that meet the
+    /// surface there; 0 without an emission.
     pub fn radiance(&self, place: Vec2, materials: &[Material], wavelengths: &Wavelengths) -> Sampled {
         let material = &materials[self.material as usize];
         let Some(emission) = &material.emission else { return Sampled::ZERO };

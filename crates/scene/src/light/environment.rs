@@ -1,6 +1,6 @@
 //! Light from all around: one colour, or a lat-long map.
 //!
-//! The map's middle row is the horizon of its own frame: +y up, column 0 at −z turning through −x ... as seen from inside
+//! The map's middle row is the horizon of its own frame: +y up, column 0 at +z, from there through −x to −z in the middle and on through +x, as seen from inside
 //! (u = atan2(x, −z)/2π + ½, v = acos(y)/π). Directions are drawn in proportion to what exceeds the mean luminance, × sin θ; an even map is not
 //! sampled: scattered rays find it better.
 
@@ -61,7 +61,7 @@ pub(crate) struct LinearlyPolarized {
 }
 
 impl RayleighSky {
-    /// Degree of polarisation of light from a direction.
+    /// Degree of polarisation, 0 to 1, of light from a unit direction; 0 from below the horizon.
     pub fn degree(&self, direction: Vec3) -> f32 {
         let cos2 = self.sun.dot(direction).powi(2).min(1.0);
         if direction.y > 0.0 { self.maximum * (1.0 - cos2) / (1.0 + cos2) } else { 0.0 }
@@ -69,7 +69,8 @@ impl RayleighSky {
 }
 
 impl Environment {
-    /// From a lat-long map of linear sRGB in cd/m², times `scale`. Numbers that are negative or not finite count as 0.
+    /// From a lat-long map of linear sRGB in cd/m² (three channels, upper row first), times `scale`. Numbers that are negative or not finite count as 0. Panics without
+    /// pixels.
     pub fn new(mut map: Raster<f32>, world_from_map: Mat3, scale: f32) -> Self {
         let valid = |v: &f32| *v >= 0.0 && v.is_finite();
         let invalid = map.data.chunks_exact(3).filter(|p| !p.iter().all(valid)).count();
@@ -148,7 +149,7 @@ impl Environment {
         self.invalid
     }
 
-    /// Pixels of the map.
+    /// How many pixels the map has.
     pub fn pixels(&self) -> usize {
         self.map.width * self.map.height
     }
@@ -163,7 +164,7 @@ impl Environment {
         self.sampled_luminance
     }
 
-    /// Multiplies all of its light.
+    /// Multiplies all of its light by a factor, at least 0.
     pub fn scale_light(&mut self, factor: f32) {
         self.scale *= factor;
         self.mean_luminance *= factor;
@@ -182,7 +183,7 @@ impl Environment {
         Vec2::new(d.x.atan2(-d.z) / TAU + 0.5, d.x.hypot(d.z).atan2(d.y) / PI)
     }
 
-    /// Linear sRGB in cd/m² from a direction, bilinear.
+    /// Linear sRGB in cd/m² from a direction (of any length, in the world), bilinear.
     pub fn rgb(&self, direction: Vec3) -> Vec3 {
         self.rgb_at(self.place(direction))
     }
@@ -201,7 +202,7 @@ impl Environment {
         top.lerp(bottom, fy) * self.scale
     }
 
-    /// Spectral radiance from a direction.
+    /// Spectral radiance from a direction (in the world), W·m⁻²·sr⁻¹·nm⁻¹.
     #[inline]
     pub fn radiance(&self, direction: Vec3, wavelengths: &Wavelengths) -> Sampled {
         match &self.even {
@@ -225,7 +226,7 @@ impl Environment {
         })
     }
 
-    /// Density in solid angle with which a direction is drawn; 0 where none is.
+    /// Density in solid angle with which a direction is drawn, 1/sr; 0 where none is.
     pub fn pdf(&self, direction: Vec3) -> f32 {
         let Some(grid) = &self.grid else { return 0.0 };
         let p = self.place(direction);

@@ -212,7 +212,8 @@ impl Lights {
         if finite == 0.0 { 0.0 } else { (finite / (finite + self.infinite_total)).clamp(0.1, 0.9) }
     }
 
-    /// Chooses a light for the point `p` with normal `n` by the number `u`: the light and its probability.
+    /// Chooses a light for the point `p` (m) with unit normal `n` (0 where there is none, as in media) by the number `u` in [0, 1): the light and its probability.
+    /// `flash_burns`: whether one does at the moment. `None` where no light can contribute.
     #[inline]
     pub fn choose(&self, p: Vec3, n: Vec3, mut u: f32, flash_burns: bool) -> Option<(LightRef, f32)> {
         let flash = self.flash_share(flash_burns);
@@ -245,7 +246,7 @@ impl Lights {
         None
     }
 
-    /// Probability with which [`Lights::choose`] finds an area light from a point.
+    /// Probability with which [`Lights::choose`] finds an area light, by its number, from a point (m). Panics on a number that is no area light's.
     #[inline]
     pub fn area_probability(&self, p: Vec3, n: Vec3, light: u32, flash_burns: bool) -> f32 {
         let flash = self.flash_share(flash_burns);
@@ -331,7 +332,7 @@ impl Lights {
         }
     }
 
-    /// Probability with which [`Lights::choose`] finds the environment from a point.
+    /// Probability with which [`Lights::choose`] finds the environment from a point (m).
     #[inline]
     pub fn environment_probability(&self, p: Vec3, n: Vec3, flash_burns: bool) -> f32 {
         match self.infinite.last() {
@@ -369,7 +370,7 @@ impl Lights {
         })
     }
 
-    /// Samples a chosen light from a point. `None` when it cannot be seen from there even without obstacles.
+    /// Samples a chosen light from a point (m) by two numbers in [0, 1). `None` when it cannot be seen from there even without obstacles.
     #[inline]
     pub fn sample_li(&self, light: LightRef, p: Vec3, u: [f32; 2]) -> Option<LightSample> {
         match light {
@@ -379,7 +380,8 @@ impl Lights {
         }
     }
 
-    /// Spectral radiance (or, for lights without extent, irradiance on a plane facing them) that arrives along a light sample.
+    /// Spectral radiance, W·m⁻²·sr⁻¹·nm⁻¹ (for lights without extent, irradiance on a plane facing them, W·m⁻²·nm⁻¹), that arrives along a light sample; obstacles are
+    /// not asked for.
     #[inline]
     pub fn incident_radiance(
         &self,

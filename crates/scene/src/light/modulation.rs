@@ -39,7 +39,7 @@ pub enum Modulation {
 }
 
 impl Modulation {
-    /// The factor at a moment: `time_s` after the beginning of the exposure, which began at `open_s`.
+    /// The factor on a lamp's emission at a moment: `time_s` after the beginning of the exposure, which began at `open_s` (both s). Its mean is 1; of a pulse it is 1/s.
     #[inline]
     pub fn at(&self, open_s: f64, time_s: f32) -> f32 {
         let now = || open_s + f64::from(time_s);

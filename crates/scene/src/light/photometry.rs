@@ -91,7 +91,8 @@ impl Numbers<'_> {
 }
 
 impl Web {
-    /// Reads an IES file.
+    /// Reads an IES file. Fails without a line `TILT=`, where a number is missing or is none, angles do not rise or fit no symmetry of their type, an intensity is below
+    /// 0, or all are 0.
     pub fn read(bytes: &[u8]) -> Result<Web, NotPhotometric> {
         let text = String::from_utf8_lossy(bytes);
         // Keywords and notes come before the line of TILT, numbers behind it.
@@ -205,7 +206,7 @@ impl Web {
         sum
     }
 
-    /// Intensity in a direction, cd; of any length.
+    /// Intensity in a direction of any length, cd, linear between measured angles; 0 where nothing was measured.
     pub fn candela(&self, direction: Vec3) -> f32 {
         let d = direction.normalize_or_zero();
         let degrees = |v: f32| v.to_degrees();

@@ -50,7 +50,7 @@ pub enum Spread {
 }
 
 impl Pattern {
-    /// Measured intensities of a lamp that is aimed along −z of a space.
+    /// Measured intensities of a lamp that is aimed along −z of a space; `light_from_world` turns directions into it.
     pub fn measured(web: Web, light_from_world: Mat3) -> Self {
         Pattern { picture: Raster::new(0, 0, 3), light_from_world, spread: Spread::Web(Arc::new(web)) }
     }
@@ -75,7 +75,7 @@ impl Pattern {
         Vec3::from_slice(self.picture.pixel(place(u, self.picture.width), place(v, self.picture.height)))
     }
 
-    /// Mean luminance of the picture: of a light of 1 cd for each 1 in it.
+    /// Mean luminance of the picture: of a light of 1 cd for each 1 in it. Of measured intensities, their mean over the peak.
     pub fn mean(&self) -> f32 {
         if let Spread::Web(web) = &self.spread {
             return (web.lumens() / (4.0 * std::f64::consts::PI * f64::from(web.peak()))) as f32;
@@ -206,7 +206,7 @@ impl PunctualKind {
 }
 
 impl Punctual {
-    /// A steady light that stands still.
+    /// A steady light that stands still; `power` is intensity (W·sr⁻¹·nm⁻¹) or, of lights at infinity, irradiance (W·m⁻²·nm⁻¹).
     pub fn new(name: &str, power: Spectrum, kind: PunctualKind) -> Self {
         Punctual { name: name.into(), power, kind, carrier: None, modulation: Modulation::Steady, pattern: None }
     }
@@ -230,7 +230,7 @@ impl Punctual {
         self.placed(&Affine3A::from_scale(Vec3::new(1.0, 1.0, -1.0)))
     }
 
-    /// Luminous intensity (cd) or illuminance (lx).
+    /// Luminous intensity (cd) or, of lights at infinity, illuminance on a plane that faces them (lx); without its pattern and its modulation.
     pub fn illuminance(&self) -> f32 {
         diopter_light::color::luminance(|nm| self.power.at(nm)) as f32
     }

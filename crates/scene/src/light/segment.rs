@@ -68,7 +68,7 @@ impl Pivot {
         Pivot { position, radius2: projected_area / TAU, cone }
     }
 
-    /// Angle (rad) under which the light sees the part of a segment up to a distance.
+    /// Angle (rad) under which the light sees the part of a segment up to a distance along the ray, m.
     pub fn angle(&self, segment: &Segment, far: f32) -> f32 {
         let (t, d2) = segment.nearest(self.position);
         segment.angle(far.min(segment.far), t, offset(d2, self.radius2))
@@ -142,7 +142,8 @@ pub struct EquiAngular {
 }
 
 impl EquiAngular {
-    /// The distances of a segment from which a light is seen, in a medium of an asymmetry (mean cosine of scattering); `None` if there are none.
+    /// The distances of a segment from which a light is seen, in a medium of an asymmetry (mean cosine of scattering, −1 to 1; taken as within ±0.95); `None` if there
+    /// are none.
     pub fn new(segment: &Segment, light: &Pivot, asymmetry: f32) -> Option<Self> {
         let [from, to] = light.clipped(segment)?;
         let (nearest, d2) = segment.nearest(light.position);

@@ -22,7 +22,8 @@ pub struct LightBounds {
 }
 
 impl LightBounds {
-    /// `spread` and `emission`: half angles (rad) of the cone of normals and of emission about a normal.
+    /// `axis`: unit axis of the cone of normals; `spread` and `emission`: half angles (rad) of the cone of normals and of emission about a normal; `power` in lm, or all
+    /// in one other unit.
     pub fn new(bounds: Bounds, axis: Vec3, spread: f32, emission: f32, two_sided: bool, power: f32) -> Self {
         LightBounds { bounds, axis, cos_spread: spread.cos(), cos_emission: emission.cos(), two_sided, power }
     }
@@ -181,7 +182,7 @@ pub struct Tree {
 }
 
 impl Tree {
-    /// Builds the tree; also gives the leaf of each light (to ask for its probability later).
+    /// Builds the tree; also gives the leaf of each light, in their order (to ask for its probability later).
     pub fn new(lights: &[LightBounds]) -> (Tree, Vec<u32>) {
         let mut tree = Tree::default();
         let mut leaves = vec![0; lights.len()];
@@ -208,7 +209,7 @@ impl Tree {
         at
     }
 
-    /// Estimate for all lights together.
+    /// Estimate of what all lights together bring to a point (m) with a unit normal, 0 where there is none; in the unit of their power over m².
     #[inline]
     pub fn importance(&self, p: Vec3, n: Vec3) -> f32 {
         self.nodes.first().map_or(0.0, |root| root.lights.importance(p, n))
@@ -222,12 +223,12 @@ impl Tree {
         (a + b > 0.0).then(|| a / (a + b))
     }
 
-    /// A light for the point and its probability. `None` where no light can contribute.
+    /// The number of a light for the point (m) and its probability, by `u` in [0, 1). `None` where no light can contribute. Panics without lights.
     pub fn choose(&self, p: Vec3, n: Vec3, u: f32) -> Option<(usize, f32)> {
         self.choose_by(u, |lights| lights.importance(p, n))
     }
 
-    /// A light for a segment of a ray and its probability. `None` where no light can contribute.
+    /// The number of a light for a segment of a ray and its probability, by `u` in [0, 1). `None` where no light can contribute. Panics without lights.
     pub fn choose_along(&self, segment: &Segment, u: f32) -> Option<(usize, f32)> {
         self.choose_by(u, |lights| lights.importance_along(segment))
     }

@@ -53,7 +53,8 @@ const SUPPORTED: &[&str] = &[
     "EXT_lights_ies",
 ];
 
-/// Reads a scene. `name` stands for the file in messages.
+/// Reads a scene. `name` stands for the file in messages. Fails where the container, its JSON, a buffer or an accessor is damaged or cut short, an extension that is not
+/// known is required, or nothing has a surface. Pictures that are missing are warnings.
 pub fn load(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
     let description = Loader::new(bytes, name, fetch)?.run()?;
     finished(

@@ -35,7 +35,8 @@ fn alone(name: &str, mesh: Mesh, warnings: Vec<String>) -> Description {
     }
 }
 
-/// Reads a PLY file, gzip or not: polygons, or Gaussian splats ([`splats`]).
+/// Reads a PLY file, gzip or not: polygons, or Gaussian splats ([`splats`]). Fails where its header or data are damaged or cut short, it has no vertices or no faces, or,
+/// of Gaussians, a property is missing or none is usable.
 pub fn ply(bytes: Vec<u8>, name: &str) -> Result<Description, SceneError> {
     let bytes = unzipped(bytes).map_err(|e| error(name.into(), e, "a PLY file or a .gz of it"))?;
     if let Some(capture) = splats::ply(&bytes, name)? {
@@ -49,7 +50,8 @@ pub fn ply(bytes: Vec<u8>, name: &str) -> Result<Description, SceneError> {
     Ok(alone(name, read.mesh, read.warning.map(|w| format!("{name}: {w}")).into_iter().collect()))
 }
 
-/// Reads an STL file, text or binary. Source: 3D Systems 1988, as M. Burns describes it in "Automated Fabrication", §6.5.
+/// Reads an STL file, text or binary. Source: 3D Systems 1988, as M. Burns describes it in "Automated Fabrication", §6.5. Units of the file are taken for metres. Fails
+/// where it is neither text nor as long as its count says, a vertex has not three numbers (with the line), or there is no whole facet.
 pub fn stl(bytes: &[u8], name: &str) -> Result<Description, SceneError> {
     let count = bytes.get(80..84).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
     let mut corners: Vec<Vec3> = Vec::new();
@@ -102,7 +104,8 @@ pub fn stl(bytes: &[u8], name: &str) -> Result<Description, SceneError> {
     Ok(alone(name, mesh, vec![]))
 }
 
-/// Reads an OBJ file with the materials that it names.
+/// Reads an OBJ file with the materials that it names. Fails with the line that cannot be read, and where there are no faces; materials and pictures that are missing are
+/// warnings.
 pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
     let options = tobj::LoadOptions { triangulate: true, single_index: true, ignore_points: true, ignore_lines: true };
     let told =

@@ -1,6 +1,6 @@
 //! NanoVDB files (`.nvdb`): sparse grids of numbers, as OpenVDB's tools and pbrt's scenes have them.
 //!
-//! Read are files of ABI version 32 (OpenVDB 9 to 13), uncompressed or with zlib, and of their grids those of `Float` and of its quantised
+//! Read are files of ABI version 32 (OpenVDB 9 to 13), uncompressed, with zlib or with Blosc, and of their grids those of `Float` and of its quantised
 //! forms `Fp4`, `Fp8`, `Fp16` and `FpN`. A grid is a tree: a root table, upper nodes of 32³ children, lower nodes of 16³, leaves of 8³ values; offsets
 //! count in bytes from the node that holds them. All of it is little-endian. Checksums are not looked at.
 //!
@@ -153,7 +153,7 @@ fn check_version(version: u32, of: &str) -> Result<(), Broken> {
 }
 
 impl<'a> File<'a> {
-    /// Reads what a file says of its grids.
+    /// Reads what a file says of its grids, not yet their values. Fails where it is of another version, no NanoVDB file (such as a `.vdb`), or cut short.
     pub fn open(bytes: &'a [u8]) -> Result<Self, Broken> {
         let all = Bytes(bytes);
         let mut grids = Vec::new();

@@ -119,7 +119,7 @@ fn is_pfm(bytes: &[u8]) -> bool {
     matches!(bytes, [b'P', b'F' | b'f', white, ..] if white.is_ascii_whitespace())
 }
 
-/// Reads a picture of light as linear RGB: EXR, Radiance or PFM.
+/// Reads a picture of light as linear RGB: EXR, Radiance or PFM, upper row first. Fails with the reason where it is none of these, damaged or cut short.
 pub fn read_light(bytes: &[u8]) -> Result<Raster<f32>, String> {
     if is_light(bytes) { read_light_picture(bytes) } else { Err("it is none of EXR, Radiance HDR, PFM".into()) }
 }

@@ -120,7 +120,8 @@ pub(super) fn wrong(found: impl Into<String>, expected: impl Into<String>) -> Pl
     PlyError { found: found.into(), expected: expected.into() }
 }
 
-/// Reads a file.
+/// Reads a file of polygons. Fails where its header is wrong, it is cut short, a number is none, it has no vertices with x, y and z, or a corner is a vertex that is not
+/// there.
 pub fn read(bytes: &[u8]) -> Result<Read, PlyError> {
     let (layout, elements, start) = header(bytes)?;
     let mut body = Body { bytes: &bytes[start..], at: 0, layout };
@@ -226,6 +227,7 @@ pub(super) struct Body<'a> {
 }
 
 impl Body<'_> {
+    /// The next `n` bytes. Fails where fewer are left.
     pub fn take(&mut self, n: usize) -> Result<&[u8], PlyError> {
         let part = self
             .bytes
@@ -235,6 +237,7 @@ impl Body<'_> {
         Ok(part)
     }
 
+    /// The next number, in the layout of the file; `kind` counts in binary ones. Fails at the end of the file, or where text is no number.
     pub fn number(&mut self, kind: Number) -> Result<f64, PlyError> {
         if self.layout != Layout::Text {
             let big = self.layout == Layout::Big;
@@ -263,6 +266,7 @@ impl Body<'_> {
         Ok(n as usize)
     }
 
+    /// Passes over the value or list of a property. Fails where the file is cut short, or the length of a list is no whole number that fits into what is left.
     pub fn skip(&mut self, property: &Property) -> Result<(), PlyError> {
         let n = match property.list {
             Some(length) => self.length(length)?,

@@ -251,7 +251,8 @@ impl Place<'_> {
     }
 }
 
-/// Reads a scene sheet. `name` is for messages.
+/// Reads a scene sheet. `name` is for messages. Fails with the line of what is no TOML or no key of a sheet, and with the table and key of a number out of range or a
+/// material that is not there, and without any surface.
 pub fn load(bytes: &[u8], name: &str) -> Result<Description, SceneError> {
     let place = Place(name);
     let text = std::str::from_utf8(bytes)

@@ -77,7 +77,7 @@ pub(super) fn unpacked_spz(bytes: &[u8]) -> Result<Capture, PlyError> {
     read_spz(&bytes)
 }
 
-/// Reads an SPZ file.
+/// Reads an SPZ file. Fails where it is no gzip, not of version 2 or 3, cut short, or none of its Gaussians is usable.
 pub fn spz(bytes: Vec<u8>, name: &str) -> Result<Description, SceneError> {
     let error =
         |e: PlyError| SceneError::File { place: name.into(), found: e.found, expected: format!("expected {}", e.expected) };

@@ -133,7 +133,7 @@ impl Bsdf<'_> {
         }
     }
 
-    /// Fraction of light that goes through without being bent or blurred: of smooth thin sheets.
+    /// Fraction of light that goes through without being bent or blurred, at the four wavelengths: of smooth thin sheets; `None` of all else.
     pub fn straight_through(&self) -> Option<Sampled> {
         match &self.lobes {
             Lobes::Principled(lobes) => lobes.straight_through(self.frame.wo),
@@ -153,7 +153,7 @@ impl Bsdf<'_> {
         Vec3::from_array(self.frame.axes.map(|axis| axis.dot(w)))
     }
 
-    /// f cos θ at the four wavelengths, and the density [`Bsdf::sample`] has for this direction; 0 for mirrors.
+    /// f cos θ (1/sr) at the four wavelengths for the unit direction `wi` away from the surface, and the density (1/sr) [`Bsdf::sample`] has for it; 0 for mirrors.
     #[inline]
     pub fn eval(&self, wi: Vec3) -> (Sampled, f32) {
         let local = self.local(wi);
@@ -225,7 +225,7 @@ impl Bsdf<'_> {
         event.placed(self.frame.axes)
     }
 
-    /// Draws a direction; `u` = direction (2), choice of lobe, unused. `None` when light is absorbed.
+    /// Draws a direction by numbers in [0, 1); `u` = direction (2), choice of lobe, unused. `None` when light is absorbed.
     #[inline]
     pub fn sample(&self, u: [f32; 4]) -> Option<Scatter> {
         let s = match &self.lobes {

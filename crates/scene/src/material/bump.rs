@@ -32,7 +32,7 @@ pub enum BumpUnit {
 }
 
 impl Bump {
-    /// The shading normal where there are these bumps, on the side of `surface.ns`.
+    /// The shading unit normal where there are these bumps, on the side of `surface.ns`.
     pub fn normal(&self, surface: &Surface) -> Vec3 {
         let n = surface.ng;
         let texel = self.height.texel();

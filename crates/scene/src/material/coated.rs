@@ -33,7 +33,7 @@ pub struct CoatedConductor {
 }
 
 impl CoatedConductor {
-    /// A coat of an index (above 1) over a metal.
+    /// A coat of an index (taken as at least 1.0001) over a metal; `roughness`: √α of the coat's facets, 0 to 1.
     pub fn new(metal: Conductor, ior: f32, roughness: Scalar) -> Self {
         let ior = ior.max(1.0001);
         CoatedConductor { metal, roughness, across: None, ior, interface: Interface::of(ior), escape: Escape::of(ior) }

@@ -47,7 +47,7 @@ impl Conductor {
     /// Names of the metals whose optical constants are known.
     pub const METALS: [&str; 5] = ["silver", "gold", "copper", "aluminium", "chromium"];
 
-    /// A measured metal with a GGX width, bounces compensated. `None` for a name not in [`Conductor::METALS`].
+    /// A measured metal with a GGX width α (0 to 1; below 0.001 a mirror), bounces compensated. `None` for a name not in [`Conductor::METALS`].
     pub fn metal(name: &str, alpha: f32) -> Option<Conductor> {
         let column = 1 + 2 * Self::METALS.iter().position(|m| *m == name)?;
         let (_, rows) = diopter_light::cie::tables::read_csv(METALS_CSV);
@@ -68,7 +68,7 @@ impl Conductor {
         ConductorLobe { n, k, facets: Ggx::new(along, across), bounces: self.bounces }
     }
 
-    /// Reflectance at normal incidence in red, green and blue ([`Wavelengths::rgb`]).
+    /// Reflectance at normal incidence, 0 to 1, in red, green and blue ([`Wavelengths::rgb`]).
     pub fn normal_reflectance(&self) -> Vec3 {
         let rgb = Wavelengths::rgb();
         fresnel_conductor(1.0, self.n.sample(&rgb), self.k.sample(&rgb)).truncate()

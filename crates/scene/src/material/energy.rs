@@ -142,7 +142,7 @@ impl<T> Shared<T> {
     }
 }
 
-/// E(μ, r) of a perfectly reflecting rough surface.
+/// E(μ, r) of a perfectly reflecting rough surface: fraction reflected at once, 0 to 1.
 pub fn mirror_albedo() -> &'static Table {
     static TABLE: OnceLock<Table> = OnceLock::new();
     computed(&TABLE, || {
@@ -153,7 +153,7 @@ pub fn mirror_albedo() -> &'static Table {
     })
 }
 
-/// Fraction that a perfect mirror of facets reflects at once of light from a direction.
+/// Fraction that a perfect mirror of facets reflects at once of light from a unit direction (local, z > 0).
 #[inline]
 pub fn mirror_albedo_at(facets: Ggx, w: Vec3) -> f32 {
     match (facets.is_smooth(), facets.x == facets.y) {
@@ -327,7 +327,7 @@ impl Interface {
         dielectric(cos, self.eta)[1].normalized().fraction_of_difference(fraction)
     }
 
-    /// Reflected fraction of light from a direction outside.
+    /// Reflected fraction of light from a unit direction outside (local, z > 0).
     #[inline]
     pub fn reflected(&self, facets: Ggx, w: Vec3) -> f32 {
         if facets.x == facets.y {
@@ -361,7 +361,8 @@ impl Interface {
         if side == Side::Outside { self.eta } else { 1.0 / self.eta }
     }
 
-    /// Fraction of light from a direction that is reflected or transmitted after one encounter, the rest being lost between facets.
+    /// Fraction of light from a unit direction (local, z > 0 on the side it comes from) that is reflected or transmitted after one encounter, the rest being lost between
+    /// facets.
     #[inline]
     pub fn directional_albedo(&self, side: Side, facets: Ggx, w: Vec3) -> f32 {
         if facets.x == facets.y {
@@ -388,13 +389,13 @@ impl Interface {
         })
     }
 
-    /// The tables of an index; computed once for each index in the program.
+    /// The tables of a relative index (n inside / n outside); computed once for each index in the program.
     pub fn of(eta: f32) -> Arc<Interface> {
         static KNOWN: Shared<Interface> = Shared::new();
         KNOWN.of(eta, Interface::new)
     }
 
-    /// Mean reflected fraction under light from everywhere.
+    /// Mean reflected fraction under light from everywhere outside; `roughness` is √α, 0 to 1.
     #[inline]
     pub fn average_reflected(&self, roughness: f32) -> f32 {
         let x = roughness.clamp(0.0, 1.0) * (NODES - 1) as f32;
@@ -412,7 +413,7 @@ pub struct Escape {
 }
 
 impl Escape {
-    /// The tables of an index; computed once for each index in the program.
+    /// The tables of a coat of an index (above 1); computed once for each index in the program.
     pub fn of(ior: f32) -> Arc<Escape> {
         static KNOWN: Shared<Escape> = Shared::new();
         KNOWN.of(ior, Escape::new)

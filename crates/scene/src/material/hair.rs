@@ -66,7 +66,7 @@ pub enum Pigment {
 }
 
 impl Pigment {
-    /// Melanin of two concentrations.
+    /// Melanin of two concentrations, each at least 0 (eumelanin: 0.3 blond, 1.3 brown, 8 black).
     pub fn melanin(eumelanin: Scalar, pheomelanin: Scalar) -> Self {
         Pigment::Melanin { eumelanin, pheomelanin, spectra: Box::new(MELANIN.map(absorption_spectrum)) }
     }

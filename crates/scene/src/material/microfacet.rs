@@ -11,7 +11,8 @@ use std::f32::consts::{PI, TAU};
 /// Below this width a surface is treated as a perfect mirror.
 pub const SMOOTH: f32 = 1e-3;
 
-/// Reflectance of a dielectric interface for unpolarised light; `eta` = n beyond / n on the side of `cos_i` > 0.
+/// Reflectance, 0 to 1, of a dielectric interface for unpolarised light; `eta` = n beyond / n on the side light comes from, the sign of `cos_i` does not count. Source:
+/// PBR 9.3.5.
 #[inline]
 pub fn fresnel_dielectric(cos_i: f32, eta: f32) -> f32 {
     let cos_i = cos_i.abs().min(1.0);
@@ -35,7 +36,7 @@ pub(super) fn cosine_of(reflected: f32, ior: f32) -> f32 {
     0.5 * (low + high)
 }
 
-/// Reflectance of a conductor n + ik against air for unpolarised light, at four wavelengths. Source: PBR 9.3.6.
+/// Reflectance, 0 to 1, of a conductor n + ik against air for unpolarised light, at four wavelengths; `cos_i` in 0..1. Source: PBR 9.3.6.
 #[inline]
 pub fn fresnel_conductor(cos_i: f32, n: Sampled, k: Sampled) -> Sampled {
     let c = cos_i.clamp(0.0, 1.0);
@@ -57,7 +58,7 @@ fn sqrt(v: Sampled) -> Sampled {
     Sampled::new(v.x.sqrt(), v.y.sqrt(), v.z.sqrt(), v.w.sqrt())
 }
 
-/// Schlick's reflectance with `f0` at normal incidence and 1 at grazing.
+/// Schlick's reflectance with `f0` at normal incidence and 1 at grazing; `cos_i` in 0..1. Source: Schlick 1994, "An Inexpensive BRDF Model".
 #[inline]
 pub fn fresnel_schlick(cos_i: f32, f0: Sampled) -> Sampled {
     let m = (1.0 - cos_i).clamp(0.0, 1.0);
@@ -75,13 +76,13 @@ pub struct Ggx {
 }
 
 impl Ggx {
-    /// The same width in all directions.
+    /// The same width α (0 to 1) in all directions.
     #[inline]
     pub fn even(alpha: f32) -> Self {
         Ggx { x: alpha, y: alpha }
     }
 
-    /// Of two widths; a mirror is one in both directions or in none.
+    /// Of two widths α (0 to 1), along x and y; a mirror is one in both directions or in none.
     #[inline]
     pub fn new(x: f32, y: f32) -> Self {
         if x.max(y) < SMOOTH { Ggx { x, y } } else { Ggx { x: x.max(SMOOTH), y: y.max(SMOOTH) } }
@@ -113,7 +114,7 @@ impl Ggx {
         ((self.y * w.x).powi(2) + (self.x * w.y).powi(2) + self.x * self.y * w.z * w.z).sqrt().sqrt()
     }
 
-    /// Density of normals D(h).
+    /// Density of normals D(h), 1/sr, of a unit normal h. Source: Walter et al. 2007, eq. 33; anisotropic as PBR 9.6.1.
     #[inline]
     pub fn d(&self, h: Vec3) -> f32 {
         let product = self.x * self.y;
@@ -132,19 +133,20 @@ impl Ggx {
         0.5 * ((1.0 + (x * x + y * y) / z2).sqrt() - 1.0)
     }
 
-    /// Fraction of microfacets with normal in the half space of `w` that are visible from it.
+    /// Fraction, 0 to 1, of microfacets with normal in the half space of the unit vector `w` that are visible from it (Smith). Source: Heitz 2014, eq. 43.
     #[inline]
     pub fn g1(&self, w: Vec3) -> f32 {
         1.0 / (1.0 + self.lambda(w))
     }
 
-    /// Fraction visible from both, height-correlated.
+    /// Fraction, 0 to 1, visible from both, height-correlated. Source: Heitz 2014, eq. 99.
     #[inline]
     pub fn g2(&self, wo: Vec3, wi: Vec3) -> f32 {
         1.0 / (1.0 + self.lambda(wo) + self.lambda(wi))
     }
 
-    /// Normal drawn in proportion to its visibility from `wo` (z > 0); density `G1 D max(wo·h, 0) / wo.z`.
+    /// Unit normal drawn, by two numbers in [0, 1), in proportion to its visibility from `wo` (unit, z > 0); density `G1 D max(wo·h, 0) / wo.z`, 1/sr. Source: Dupuy &
+    /// Benyoub 2023.
     #[inline]
     pub fn sample_visible(&self, wo: Vec3, u: [f32; 2]) -> Vec3 {
         let v = Vec3::new(wo.x * self.x, wo.y * self.y, wo.z).normalize();
@@ -155,20 +157,21 @@ impl Ggx {
         Vec3::new(h.x * self.x, h.y * self.y, h.z.max(1e-7)).normalize()
     }
 
-    /// Density of [`Ggx::sample_visible`].
+    /// Density of [`Ggx::sample_visible`] over half vectors, 1/sr.
     #[inline]
     pub fn visible_pdf(&self, wo: Vec3, h: Vec3) -> f32 {
         self.g1(wo) * self.d(h) * wo.dot(h).max(0.0) / wo.z.abs().max(1e-7)
     }
 }
 
-/// Mirror direction of `w` about `h`.
+/// Mirror direction of `w` about the unit vector `h`; both point away from the surface.
 #[inline]
 pub fn reflect(w: Vec3, h: Vec3) -> Vec3 {
     h * (2.0 * w.dot(h)) - w
 }
 
-/// Direction of `w` refracted about `h` (w·h > 0) into a medium of relative index `eta`; `None` under total reflection.
+/// Unit direction of the unit vector `w` refracted about the unit normal `h` (w·h > 0) into a medium of relative index `eta` (n beyond / n before); `None` under total
+/// reflection. Both directions point away from the surface. Source: Walter et al. 2007, eq. 40.
 #[inline]
 pub fn refract(w: Vec3, h: Vec3, eta: f32) -> Option<Vec3> {
     let cos_i = w.dot(h);

@@ -231,7 +231,7 @@ impl Emission {
         Emission { radiance: EmissionColor::Constant(radiance), two_sided: false, is_light: true, modulation: Modulation::Steady }
     }
 
-    /// Radiance at a point.
+    /// Radiance at a point, W·m⁻²·sr⁻¹·nm⁻¹.
     #[inline]
     pub fn at(&self, surface: &Surface, wavelengths: &Wavelengths) -> Sampled {
         match &self.radiance {
@@ -246,7 +246,7 @@ impl Emission {
         }
     }
 
-    /// Radiance at texture coordinates; where the surface has a colour of its own, of white ([`Emission::at`] knows it).
+    /// Radiance at texture coordinates, W·m⁻²·sr⁻¹·nm⁻¹; where the surface has a colour of its own, of white ([`Emission::at`] knows it).
     #[inline]
     pub fn sample(&self, uv: &[Vec2; 2], wavelengths: &Wavelengths) -> Sampled {
         match &self.radiance {
@@ -288,7 +288,7 @@ pub enum Coverage {
 }
 
 impl Coverage {
-    /// Fraction of rays that meet the surface at these texture coordinates: the mean of [`Coverage::accepts`]; `vertex_alpha` multiplies.
+    /// Fraction of rays, 0 to 1, that meet the surface at these texture coordinates: the mean of [`Coverage::accepts`]; `vertex_alpha` (0 to 1) multiplies.
     pub fn fraction(&self, uv: &[Vec2; 2], vertex_alpha: f32) -> f32 {
         match self {
             Coverage::Full => 1.0,
@@ -297,7 +297,7 @@ impl Coverage {
         }
     }
 
-    /// Whether a ray that drew the number `u` meets the surface at these texture coordinates; `vertex_alpha` multiplies.
+    /// Whether a ray that drew the number `u` in [0, 1) meets the surface at these texture coordinates; `vertex_alpha` (0 to 1) multiplies.
     pub fn accepts(&self, uv: &[Vec2; 2], vertex_alpha: f32, u: f32) -> bool {
         match self {
             Coverage::Full => true,
@@ -331,7 +331,7 @@ impl Material {
         Material { emission: Some(emission), ..Material::new(name, Scattering::Black) }
     }
 
-    /// A black lamp.
+    /// A black lamp of a radiance (W·m⁻²·sr⁻¹·nm⁻¹), front side only.
     pub fn lamp(name: &str, radiance: Spectrum) -> Self {
         Material { emission: Some(Emission::one_sided(radiance)), ..Material::new(name, Scattering::Black) }
     }

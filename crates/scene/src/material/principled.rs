@@ -133,7 +133,7 @@ impl Principled {
         prepared.map_or_else(|| Against::Looked(Interface::of(between(self.ior, outer))), |(_, i)| Against::Prepared(i))
     }
 
-    /// Clear, smooth glass of an index: a solid body.
+    /// Clear, smooth glass of an index: a solid body. The index is limited as [`Principled::new`] says.
     pub fn glass(ior: f32) -> Self {
         Principled {
             roughness: Scalar::Constant(0.0),

@@ -30,7 +30,8 @@ pub struct Orders {
 }
 
 impl Orders {
-    /// That of a medium of an asymmetry under a surface of an index of refraction, of at least 1. Computed once for each pair.
+    /// That of a medium of an asymmetry (mean cosine of scattering, above −1, below 1) under a surface of an index of refraction, of at least 1. Computed once for each
+    /// pair.
     pub fn of(asymmetry: f32, eta: f32) -> Arc<Orders> {
         type Known = Mutex<HashMap<[u32; 2], Arc<Orders>>>;
         static KNOWN: OnceLock<Known> = OnceLock::new();
@@ -76,7 +77,7 @@ impl Orders {
         Orders { fractions, longer }
     }
 
-    /// The fraction of light that comes back out of a medium of an albedo.
+    /// The fraction of light, 0 to 1, that comes back out of a medium of an albedo, 0 to 1.
     pub fn reflectance(&self, albedo: f64) -> f64 {
         let short = self.fractions.iter().rev().fold(0.0, |sum, p| sum * albedo + p);
         // ∫ ½ u^(−3/2) αᴺᵘ du from 1 to ∞, with u = v⁻².
@@ -86,7 +87,7 @@ impl Orders {
         short + self.longer * tail
     }
 
-    /// The albedo of a medium that gives back a fraction of the light.
+    /// The albedo, 0 to 1, of a medium that gives back a fraction of the light, 0 to 1; found by bisection.
     pub fn albedo(&self, reflectance: f64) -> f64 {
         // In the root of what is absorbed, by which A changes evenly near 1.
         let (mut low, mut high) = (0.0f64, 1.0f64);

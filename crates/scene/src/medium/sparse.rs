@@ -129,7 +129,7 @@ impl SparseGrid {
         self.values[number as usize * BLOCK + place as usize]
     }
 
-    /// The value at a place of its own space.
+    /// The value at a place of its own space, linear between values; the background outside of its blocks.
     #[inline]
     pub fn at(&self, p: Vec3) -> f32 {
         let g = self.index_from_own.transform_point3(p);

@@ -156,7 +156,8 @@ impl VolumePlace {
         usable.then_some(VolumePlace { world_from_own, own_from_world, way: None })
     }
 
-    /// One that moves between two moments (s of the scene), and stands still before and after; `None` if one of its scales is 0.
+    /// One that moves between two moments (s of the scene), and stands still before and after; `None` if the second is not later, or a scale is 0, not finite, or changes
+    /// its sign.
     pub fn moving(times_s: [f64; 2], keys: [Parts; 2]) -> Option<Self> {
         let way = InstanceMotion { world_from_parent: Affine3A::IDENTITY, times_s, keys };
         let usable = keys.iter().all(|k| k.scale.abs().min_element() > 0.0 && k.scale.is_finite()) && times_s[0] < times_s[1];
@@ -197,7 +198,7 @@ impl InstanceMotion {
 }
 
 impl<T> Grid<T> {
-    /// A grid over a box. Panics if the values are not as many as the size says.
+    /// A grid over a box: `[z][y][x]`, x fastest, as many along x, y and z as `size` says. Panics if the values are not as many as that.
     pub fn new(size: [usize; 3], values: Vec<T>, bounds: &Bounds) -> Self {
         assert_eq!(size[0] * size[1] * size[2], values.len(), "{size:?} values");
         let count = Vec3::new(size[0] as f32, size[1] as f32, size[2] as f32);

@@ -19,7 +19,7 @@ use glam::Vec2;
 use std::sync::Arc;
 
 impl Scene {
-    /// Builds a scene. Fails when numbers do not fit: a material or mesh that is not there, nothing to see.
+    /// Builds a scene. Fails when numbers do not fit: a material or mesh that is not there, nothing to see, or more than 2³⁰ − 1 triangles.
     pub fn build(mut description: Description) -> Result<Scene, SceneError> {
         check(&description)?;
         settle(&mut description);

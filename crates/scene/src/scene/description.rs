@@ -79,7 +79,7 @@ impl Description {
         })
     }
 
-    /// Gives objects the materials of a variant; fails with what there is.
+    /// Gives objects the materials of a variant; fails, where there is none of that name, with the names there are.
     pub fn choose_variant(&mut self, name: &str) -> Result<(), String> {
         let Some(variant) = self.variants.iter().find(|v| v.name == name) else {
             let names: Vec<&str> = self.variants.iter().map(|v| v.name.as_str()).collect();
@@ -97,7 +97,7 @@ impl Description {
         Ok(())
     }
 
-    /// The box around the objects that are counted, at a moment, s; what hangs on free nodes is left out. Of Gaussian splats it holds the core
+    /// The box (m, in the world) around the objects that are counted, at a moment, s; what hangs on free nodes is left out. Of Gaussian splats it holds the core
     /// ([`Splats::core_bounds`]): a few lie far away from what was captured.
     pub fn bounds_at(&self, time_s: f64, counted: impl Fn(&Object) -> bool) -> Bounds {
         let timeline = self.timeline();
@@ -135,8 +135,8 @@ impl Description {
         self.objects.iter().filter(|o| counted(o)).fold(Bounds::EMPTY, |b, o| b.union(around(o)))
     }
 
-    /// For each direction the point of the objects that are counted which lies farthest along it, at a moment, s: their support points, which say
-    /// what a frame must hold. Empty where there is nothing; what hangs on free nodes is left out.
+    /// For each direction the point (m, in the world) of the objects that are counted which lies farthest along it, at a moment, s: their support points, which say what
+    /// a frame must hold. Empty where there is nothing; what hangs on free nodes is left out.
     pub fn support_points(&self, time_s: f64, directions: &[Vec3], counted: impl Fn(&Object) -> bool) -> Vec<Vec3> {
         let timeline = self.timeline();
         let mut farthest = vec![None; directions.len()];

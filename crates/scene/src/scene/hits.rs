@@ -9,7 +9,7 @@ use diopter_light::random::{mix, to_unit};
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A, Vec4};
 
 impl Scene {
-    /// Nearest surface along a ray.
+    /// Nearest surface along a ray, nearer than `t_max` (m), at the ray's own time of the exposure; `None` where it meets nothing.
     #[inline]
     pub fn intersect(&self, ray: &Ray, t_max: f32) -> Option<Surface> {
         let filter = TopFilter { scene: self, ray };
@@ -23,7 +23,7 @@ impl Scene {
         Some(self.surface(ray, &hit?))
     }
 
-    /// Whether anything is met before `t_max`.
+    /// Whether any surface is met before `t_max` (m), glass included.
     #[inline]
     pub fn occluded(&self, ray: &Ray, t_max: f32) -> bool {
         if self.built.top.any(ray.origin, ray.direction, t_max, &TopFilter { scene: self, ray }) {

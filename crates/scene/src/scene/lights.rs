@@ -193,7 +193,7 @@ impl Scene {
         }
     }
 
-    /// The area light that a surface point belongs to.
+    /// The number among [`crate::light::Lights::area`] of the area light that a surface point belongs to; `None` where it is of none.
     #[inline]
     pub fn light_at(&self, surface: &Surface) -> Option<u32> {
         let first = self.built.placements[surface.object as usize].first_light?;

@@ -95,8 +95,8 @@ impl Curves {
         Curves { kind, basis, points: Vec::new(), segments: Vec::new(), normals: Vec::new() }
     }
 
-    /// Adds a curve whose width changes evenly over its parameter from one end to the other; `normals`, for ribbons, are those at the ends of its
-    /// segments. A number of control points that does not fit the basis is cut down to one that does.
+    /// Adds a curve (m) whose width changes evenly over its parameter from one end to the other; `radii` (m) are those of both ends, `normals`, for ribbons, those at the
+    /// ends of its segments. A number of control points that does not fit the basis is cut down to one that does; with less than four nothing is added.
     pub fn push(&mut self, points: &[Vec3], radii: [f32; 2], normals: &[Vec3]) {
         let (step, least) = match self.basis {
             CurveBasis::Bezier => (3, 4),
@@ -129,13 +129,13 @@ impl Curves {
         self.points.len() * 16 + self.segments.len() * 4 + self.normals.len() * 24
     }
 
-    /// The box around all of it.
+    /// The box around all of it, widths included, m.
     pub fn bounds(&self) -> Bounds {
         let one = |segment: u32| hull(&self.cubic(segment as usize));
         (0..self.segments.len() as u32).map(one).fold(Bounds::EMPTY, Bounds::union)
     }
 
-    /// The box around one segment.
+    /// The box around one segment, its width included, m. Panics on a number that is no segment's.
     pub fn segment_bounds(&self, segment: usize) -> Bounds {
         hull(&self.cubic(segment))
     }
@@ -186,7 +186,7 @@ impl Curves {
         }
     }
 
-    /// A place of a segment's centre line, by its parameter from 0 to 1.
+    /// A place of a segment's centre line (m), by its parameter from 0 to 1. Panics on a number that is no segment's.
     pub fn at(&self, segment: u32, u: f32) -> CurvePoint {
         let p = self.cubic(segment as usize);
         let (center, derivative) = evaluate(&p, u);
@@ -211,7 +211,7 @@ impl Curves {
     }
 
     /// The nearest place with 0 < t < `t_max` where a ray meets a piece of a segment (the first that is found, for `any`); `accept` is asked with
-    /// the coordinates along and across whether it counts.
+    /// the coordinates along and across whether it counts. `piece` is segment · 2^`levels` + the piece in it; t counts in lengths of the direction.
     pub fn intersect(
         &self,
         piece: u32,

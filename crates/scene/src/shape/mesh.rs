@@ -21,13 +21,13 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    /// Corners of a triangle.
+    /// Corners of a triangle, counter-clockwise from outside, m. Panics where the triangle or a corner of it is out of range.
     #[inline]
     pub fn corners(&self, triangle: usize) -> [Vec3; 3] {
         self.triangles[triangle].map(|i| self.positions[i as usize])
     }
 
-    /// Values at the corners of a triangle mixed by barycentric weights; `None` for an empty list.
+    /// Values at the corners of a triangle mixed by barycentric weights, which sum to 1; `None` for an empty list. Panics where the list is shorter than the positions.
     #[inline]
     pub fn mix<T>(&self, list: &[T], triangle: usize, weights: [f32; 3]) -> Option<T>
     where

@@ -82,7 +82,7 @@ impl Surface {
         matches!(self.detail, Detail::Strand(_))
     }
 
-    /// A start for rays that leave the point along a unit direction, on the side that `normal` points to.
+    /// A start (m) for rays that leave the point along a unit direction, on the side that `normal` points to.
     #[inline]
     pub fn leave(&self, normal: Vec3, direction: Vec3) -> Vec3 {
         match &self.detail {
@@ -92,10 +92,10 @@ impl Surface {
     }
 }
 
-/// A start for rays that leave a surface point on the side of `normal`, past what rounding can have moved the point.
+/// A start (m) for rays that leave a surface point (m) on the side of the unit vector `normal`, past what rounding can have moved the point.
 ///
-/// Source: Wächter & Binder, "A Fast and Robust Method for Avoiding Self-Intersection", Ray Tracing Gems ch. 6 (2019); we
-/// take twice its step because points of instances are rounded twice.
+/// Source: Wächter & Binder, "A Fast and Robust Method for Avoiding Self-Intersection", Ray Tracing Gems ch. 6 (2019); we take twice its step because points of instances
+/// are rounded twice.
 #[inline]
 pub fn offset_origin(point: Vec3, normal: Vec3) -> Vec3 {
     const ORIGIN: f32 = 1.0 / 32.0;

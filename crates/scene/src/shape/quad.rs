@@ -17,17 +17,17 @@ impl Quad {
         self.edges[0].cross(self.edges[1]).normalize()
     }
 
-    /// m².
+    /// Area, m².
     pub fn area(&self) -> f32 {
         self.edges[0].cross(self.edges[1]).length()
     }
 
-    /// Point at (α, β).
+    /// Point at (α, β), m.
     pub fn point(&self, p: Vec2) -> Vec3 {
         self.corner + self.edges[0] * p.x + self.edges[1] * p.y
     }
 
-    /// Distance and (α, β) of the hit with 0 < t < `t_max`: ray and plane, then both coordinates in 0..1.
+    /// Distance and (α, β) of the hit with 0 < t < `t_max`, in lengths of the direction: ray and plane, then both coordinates in 0..1.
     pub fn intersect(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<(f32, Vec2)> {
         let n = self.edges[0].cross(self.edges[1]);
         let denominator = n.dot(direction);

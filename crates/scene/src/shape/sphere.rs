@@ -12,10 +12,10 @@ pub struct Sphere {
 }
 
 impl Sphere {
-    /// Distance of the nearest hit with 0 < t < `t_max`.
+    /// Distance of the nearest hit with 0 < t < `t_max`, in lengths of the direction.
     ///
-    /// The discriminant is formed from the part of the centre's offset that is perpendicular to the ray, which keeps digits
-    /// for small far spheres. Source: Haines et al., Ray Tracing Gems ch. 7 (2019).
+    /// The discriminant is formed from the part of the centre's offset that is perpendicular to the ray, which keeps digits for small far spheres. Source: Haines et al.,
+    /// Ray Tracing Gems ch. 7 (2019).
     pub fn intersect(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<f32> {
         let f = origin - self.center;
         let a = direction.length_squared();

@@ -219,7 +219,7 @@ impl Splats {
         self.harmonics = order.iter().flat_map(|(_, i)| &self.harmonics[*i as usize * stride..][..stride]).copied().collect();
     }
 
-    /// One of them, as it is held: opacity at most 1, scales at least 1e-5 of the largest.
+    /// One of them, as it is held: opacity at most 1, scales (m) at least 1e-5 of the largest. Panics on a number that is none's.
     pub fn splat(&self, number: usize) -> Splat {
         let Ellipsoid { center, opacity, rows, .. } = self.ellipsoids[number];
         let mut axes = Mat3::from_cols(rows[0].normalize(), rows[1].normalize(), rows[2].normalize());
@@ -230,7 +230,7 @@ impl Splats {
         Splat { center, rotation: Quat::from_mat3(&axes).normalize(), scale, opacity }
     }
 
-    /// A coefficient of the harmonics of one of them: red, green, blue.
+    /// A coefficient of the harmonics of one of them: red, green, blue. Panics where there is no such splat or coefficient.
     pub fn harmonic(&self, number: usize, coefficient: usize) -> [f32; 3] {
         let first = 3 * (number * self.coefficients() + coefficient);
         [0, 1, 2].map(|c| from_half(self.harmonics[first + c]))
@@ -272,7 +272,7 @@ impl Splats {
         Bounds { min: e.center - half, max: e.center + half }
     }
 
-    /// The box around all of them, strays included.
+    /// The box around all of them, m, strays included.
     pub fn bounds(&self) -> Bounds {
         (0..self.len()).map(|i| self.bounds_of(i)).fold(Bounds::EMPTY, Bounds::union)
     }
@@ -295,7 +295,7 @@ impl Splats {
         })
     }
 
-    /// Where a ray meets one of them with 0 < t < `t_max`, and how likely it is there.
+    /// Where a ray meets one of them with 0 < t < `t_max` (in lengths of the direction), and how likely it is there.
     #[inline]
     pub fn intersect(&self, splat: u32, origin: Vec3, direction: Vec3, t_max: f32) -> Option<SplatHit> {
         let e = &self.ellipsoids[splat as usize];

@@ -35,7 +35,7 @@ pub fn displace_vertices(mesh: &mut Mesh, height: impl Fn(usize, &[Vec2; 2], Vec
     heights.iter().filter(|h| !h.is_finite()).count()
 }
 
-/// Unit normals of vertices: the means of the triangles' by angle, the same for all vertices at a position.
+/// Unit normals of vertices, in their order: the means of the triangles' by angle, the same for all vertices at a position; +z where there is no triangle with an area.
 pub fn smooth_normals(mesh: &Mesh) -> Vec<Vec3> {
     grouped_normals(mesh, &Groups::new(mesh.positions.len(), |v| key(mesh.positions[v])))
 }

@@ -172,7 +172,7 @@ pub struct Refined {
     pub degenerate_faces: usize,
 }
 
-/// Triangles that a mesh has after some levels.
+/// Triangles that a mesh has after some levels, by how many corners each face has; saturates.
 pub fn triangles_at(scheme: Scheme, face_sizes: &[u32], level: u32) -> usize {
     let corners: usize = face_sizes.iter().map(|n| *n as usize).sum();
     let triangles: usize = face_sizes.iter().map(|n| (*n as usize).saturating_sub(2)).sum();
@@ -185,8 +185,8 @@ pub fn triangles_at(scheme: Scheme, face_sizes: &[u32], level: u32) -> usize {
 
 /// Subdivides a mesh `level` times (at most [`MOST_LEVELS`]) and moves its vertices onto the limit surface.
 ///
-/// A level that would make more than [`MOST_TRIANGLES`] triangles is reduced. Faces with less than three different corners in a row are left out
-/// and counted. Fails for numbers that are not finite or out of range.
+/// A level that would make more than [`MOST_TRIANGLES`] triangles is reduced. Faces with less than three different corners in a row are left out and counted. Fails for
+/// numbers that are not finite or out of range, and for a mesh that has too many triangles at the least level.
 pub fn subdivide(mesh: &ControlMesh, scheme: Scheme, level: u32) -> Result<Refined, SubdivisionError> {
     subdivide_up_to(mesh, scheme, level, MOST_TRIANGLES)
 }

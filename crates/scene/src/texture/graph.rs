@@ -154,7 +154,7 @@ impl Graph {
         }
     }
 
-    /// How many pictures are looked up for one value.
+    /// How many nodes it has, one that is used twice counted twice: what one value costs at most. At least 1.
     pub fn lookups(&self) -> usize {
         1 + match self {
             Graph::Constant(_) | Graph::Image { .. } | Graph::Bilinear { .. } | Graph::Noise { .. } => 0,
@@ -216,7 +216,7 @@ impl Graph {
         }
     }
 
-    /// The value there.
+    /// The value there: linear RGB, or a number three times.
     pub fn at(&self, there: &Lookup) -> Vec3 {
         match self {
             Graph::Constant(c) => *c,

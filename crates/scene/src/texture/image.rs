@@ -66,12 +66,12 @@ impl Texels {
 }
 
 impl Image {
-    /// From codes of 8 bits.
+    /// From codes of 8 bits, RGBA, row by row from the top; `pixels` are `width` × `height`.
     pub fn new(width: usize, height: usize, pixels: Vec<[u8; 4]>) -> Self {
         Image { width, height, texels: Texels::Codes(pixels), held: None, levels: Levels::default() }
     }
 
-    /// From linear numbers.
+    /// From linear numbers, RGBA, row by row from the top; `pixels` are `width` × `height`.
     pub fn linear(width: usize, height: usize, pixels: Vec<[f32; 4]>) -> Self {
         Image { width, height, texels: Texels::Linear(pixels), held: None, levels: Levels::default() }
     }
@@ -117,7 +117,7 @@ impl Image {
         (0..columns * rows).all(grey)
     }
 
-    /// A pixel.
+    /// The pixel of a column and a row, from the upper left. Panics beyond the picture.
     #[inline]
     pub fn texel(&self, column: usize, row: usize) -> Texel {
         match &self.texels {

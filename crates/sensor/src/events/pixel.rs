@@ -110,7 +110,7 @@ impl Course {
 }
 
 impl Pixel {
-    /// A pixel in steady light.
+    /// A pixel in steady light. `input`: natural logarithm of its current in e⁻/s, that of the dark included.
     pub fn new(sensor: &EventSensor, key: u64, input: f64, time_s: f64) -> Self {
         let mut pixel = Pixel {
             key,

@@ -52,10 +52,13 @@ impl Neighbours {
         Vec::new()
     }
 
+    /// How far around a pixel the mosaic is looked at, px.
     pub fn reach(&self) -> usize {
         self.reach
     }
 
+    /// All channels of the pixels of `region`, `[channel][row × column]`, from a mosaic that reaches [`Neighbours::reach`]
+    /// further on each side.
     pub fn run(&self, mosaic: &Mosaic, region: Region) -> Vec<Vec<f32>> {
         let (w, cfa) = (mosaic.region.width as i64, mosaic.cfa);
         let mut planes = vec![vec![0.0; region.area()]; self.channels];

@@ -15,6 +15,7 @@ const ALONG: [f32; 5] = [0.56, 0.35, 0.08, 0.01, 0.0];
 /// Keeps weights finite where nothing changes: the square of a hundred-thousandth of saturation, for 25 gradients.
 const LEAST: f32 = 1e-9;
 
+/// Red, green and blue of the pixels of `region`, `[channel][row × column]`, from a mosaic that reaches [`REACH`] further on each side.
 pub fn run(mosaic: &Mosaic, region: Region) -> Vec<Vec<f32>> {
     let (w, h) = (mosaic.region.width, mosaic.region.height);
     let c = &mosaic.data;

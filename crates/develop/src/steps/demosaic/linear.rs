@@ -38,10 +38,12 @@ impl Filters {
         Filters { taps, channels: n }
     }
 
+    /// How far around a pixel the mosaic is looked at, px.
     pub fn reach(&self) -> usize {
         RADIUS as usize
     }
 
+    /// All channels of the pixels of `region`, `[channel][row × column]`, from a mosaic that reaches [`Filters::reach`] further on each side.
     pub fn run(&self, mosaic: &Mosaic, region: Region) -> Vec<Vec<f32>> {
         let (w, cfa) = (mosaic.region.width as isize, mosaic.cfa);
         let offsets: Vec<Vec<(isize, f32)>> =

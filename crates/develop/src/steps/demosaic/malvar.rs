@@ -5,6 +5,7 @@
 use super::Mosaic;
 use crate::region::Region;
 
+/// Red, green and blue of the pixels of `region`, `[channel][row × column]`, from a mosaic that reaches 2 pixels further on each side.
 pub fn run(mosaic: &Mosaic, region: Region) -> Vec<Vec<f32>> {
     let w = mosaic.region.width;
     let (ox, oy) = ((region.left - mosaic.region.left) as usize, (region.top - mosaic.region.top) as usize);

@@ -14,6 +14,7 @@ const EPS: f32 = 1e-5;
 /// Below this the ratio of low-pass values says nothing: noise about black.
 const DARK: f32 = 1e-3;
 
+/// Red, green and blue of the pixels of `region`, `[channel][row × column]`, from a mosaic that reaches [`REACH`] further on each side.
 pub fn run(mosaic: &Mosaic, region: Region) -> Vec<Vec<f32>> {
     let (w, h) = (mosaic.region.width, mosaic.region.height);
     let c = &mosaic.data;

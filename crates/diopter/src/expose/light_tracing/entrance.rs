@@ -26,6 +26,7 @@ impl Rectangle {
         Rectangle { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
+    /// Its area, mm².
     pub fn area(&self) -> f64 {
         let size = self.max - self.min;
         size.x * size.y

@@ -9,7 +9,8 @@ const SIDES: [usize; 6] = [160, 128, 96, 64, 48, 32];
 /// Most edges that a search returns.
 const MOST_FOUND: usize = 20;
 
-/// Measures the edge at a place (pixels): within the largest region around it that holds just this edge.
+/// Measures the edge at a place (pixels): within the largest region around it that holds just this edge. Fails on a place outside the picture, and as [`measure`] in the
+/// smallest region.
 pub fn measure_at(plane: &Plane, [x, y]: [f64; 2], options: &Options) -> Result<EdgeMtf, MeasureError> {
     let sides = [plane.width, plane.height];
     if !(x >= 0.0 && y >= 0.0 && x < sides[0] as f64 && y < sides[1] as f64) {
@@ -33,7 +34,8 @@ pub fn measure_at(plane: &Plane, [x, y]: [f64; 2], options: &Options) -> Result<
     result
 }
 
-/// Finds the slanted edges of a picture, each in the largest region around its middle that shows nothing else; from top to bottom.
+/// Finds the slanted edges of a picture, each in the largest region around its middle that shows nothing else; from top to bottom. Fails on options out of range, below
+/// [`LEAST_SIDE`] pixels a side, and where there is no edge.
 pub fn find(plane: &Plane, options: &Options) -> Result<Vec<EdgeMtf>, MeasureError> {
     options.check()?;
     plane.check(plane.whole(), LEAST_SIDE)?;

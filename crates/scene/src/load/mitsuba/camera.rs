@@ -11,7 +11,8 @@ use glam::{DMat4, DVec3};
 /// Diagonal of the film that a focal length is of, mm.
 const FULL_FRAME_MM: f64 = 43.266_615;
 
-/// Adds a camera.
+/// Adds a camera, in metres. Fails with the line where its film, `fov`, `focal_length`, `to_world` or lens is out of range or no number; of a kind that is not known it
+/// is left out.
 pub fn add(context: &mut Context, node: &Node) -> Result<(), SceneError> {
     let film = node.tagged("film").next();
     let side = |name: &str, default: f64| -> Result<usize, SceneError> {

@@ -33,7 +33,8 @@ fn wrong(node: &Node, found: impl Into<String>, expected: impl Into<String>) -> 
     }
 }
 
-/// Reads a scene. `name` stands for the main file in messages; `fetch` gets files by the names in it.
+/// Reads a scene. `name` stands for the main file in messages; `fetch` gets files by the names in it. Fails with the file and line where XML or a value is damaged, a
+/// file that is included or a mesh cannot be had, a plugin is not known that a picture would be wrong without, or nothing has a surface.
 pub fn load(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
     let (root, folders) = tree::read(bytes, name, fetch)?;
     let find = |name: &str| tree::found(fetch, &folders, name);

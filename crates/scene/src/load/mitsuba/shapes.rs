@@ -16,7 +16,7 @@ const AROUND: usize = 256;
 /// Most bytes that a packed mesh may become for each of its file (RFC 1951).
 const MOST_EXPANDED: u64 = 1032;
 
-/// A shape without a file, and its place in the shape's space.
+/// A shape without a file, and its place in the shape's space. Fails where it is of another kind, and for a cylinder without length or radius.
 pub fn make(node: &Node, kind: &str) -> Result<(Mesh, DMat4), SceneError> {
     let flat = |points: [Vec3; 4], normal: Vec3| Mesh {
         positions: points.to_vec(),
@@ -78,7 +78,8 @@ pub fn make(node: &Node, kind: &str) -> Result<(Mesh, DMat4), SceneError> {
     })
 }
 
-/// A mesh of a file.
+/// A mesh of a file: `kind` is "ply", "obj" or, of anything else, Mitsuba's serialized meshes, of which `part` counts from 0. Fails with the reason where it is damaged,
+/// cut short or without faces, or has no such part.
 pub fn read(kind: &str, bytes: Vec<u8>, part: usize) -> Result<Mesh, String> {
     match kind {
         "ply" => ply::read(&unzipped(bytes)?).map(|r| r.mesh).map_err(|e| format!("{}, expected {}", e.found, e.expected)),

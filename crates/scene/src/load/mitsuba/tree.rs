@@ -55,7 +55,7 @@ impl File {
     }
 }
 
-/// Gets a file by its name, or below one of the folders that the scene names.
+/// Gets a file by its name, or below one of the folders that the scene names. Fails with the reason of the plain name where none of them has it.
 pub fn found(fetch: Fetch, folders: &[String], name: &str) -> Result<Vec<u8>, String> {
     let plain = fetch(name);
     let elsewhere = || folders.iter().find_map(|folder| fetch(&format!("{}/{name}", folder.trim_end_matches('/'))).ok());
@@ -75,7 +75,8 @@ fn wrong(file: &str, line: u32, found: impl Into<String>, expected: &str) -> Sce
     SceneError::File { place, found: found.into(), expected: format!("expected {expected}") }
 }
 
-/// Reads the main file and what it includes; the folders in which its files are looked for, too.
+/// Reads the main file and what it includes; the folders in which its files are looked for, too. Fails with file and line where it is no XML, its root is no `scene`, an
+/// include cannot be had or goes round, a `$name` has no default, or there are too many elements.
 pub fn read(bytes: &[u8], name: &str, fetch: Fetch) -> Result<(Node, Vec<String>), SceneError> {
     let mut reader = Reader { fetch, folders: vec![], defaults: HashMap::new(), count: 0 };
     let mut all = reader.file(bytes, name, 0)?;

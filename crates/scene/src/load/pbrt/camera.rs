@@ -11,6 +11,8 @@ const MOST_PIXELS: usize = 100_000_000;
 /// Most pixels a side.
 const LARGEST_SIDE: i64 = 65_535;
 
+/// The size of a `Film` in pixels, its diagonal in mm and what its sensor says. Fails where its type is not known, a side is below 1 or too large, or the diagonal is not
+/// 0.1 to 2000 mm.
 pub fn film(context: &mut Context, p: &Params, kind: &str) -> Result<FilmHints, Fault> {
     if kind == "image" {
         context.warn(p.place, "film \"image\" is of pbrt-v3: its resolution is read");
@@ -53,6 +55,8 @@ pub fn film(context: &mut Context, p: &Params, kind: &str) -> Result<FilmHints, 
     Ok(FilmHints { size, diagonal_mm: Some(diagonal), sensor, iso })
 }
 
+/// A `Camera` in the world, m. Fails where its type or a mapping is not known, an angle, aspect or length is out of range, its window is not about 0, or the file of its
+/// lens cannot be had.
 pub fn viewpoint(
     context: &mut Context,
     p: &Params,

@@ -61,7 +61,7 @@ impl<'a> Context<'a> {
         }
     }
 
-    /// Bytes of a file that the scene names; `.gz` is taken apart.
+    /// Bytes of a file that the scene names; `.gz` is taken apart. Fails with the name and the reason where it cannot be had or is damaged.
     pub fn file(&self, name: &str, place: Place) -> Result<Vec<u8>, Fault> {
         fetched(self.fetch, name, place)
     }

@@ -50,7 +50,7 @@ impl<'a> Lexer<'a> {
         Place { file: self.file, line: self.line }
     }
 
-    /// The next token without taking it; `None` at the end.
+    /// The next token without taking it; `None` at the end. Fails as [`Lexer::next`] does.
     pub fn peek(&mut self) -> Result<Option<&(Token, Place)>, Fault> {
         if self.ahead.is_none() {
             self.ahead = self.read()?;
@@ -58,7 +58,8 @@ impl<'a> Lexer<'a> {
         Ok(self.ahead.as_ref())
     }
 
-    /// The next token; `None` at the end.
+    /// The next token; `None` at the end. Fails with the line of a quotation mark that is not closed, an escape that is not known, a word that begins as a number and is
+    /// none, or bytes that are not UTF-8.
     pub fn next(&mut self) -> Result<Option<(Token, Place)>, Fault> {
         match self.ahead.take() {
             Some(token) => Ok(Some(token)),

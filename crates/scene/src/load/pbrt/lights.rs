@@ -21,7 +21,8 @@ use std::sync::Arc;
 /// Columns of the lat-long map that an equal-area picture becomes.
 const MOST_COLUMNS: usize = 8192;
 
-/// A `LightSource`.
+/// Adds a `LightSource`, its spectrum in cd (point, spot, picture), lx (distant) or cd/m² (infinite). Fails where its type is not known, a parameter is out of range, it
+/// has no direction, or its file cannot be read or is not of the mapping that it must have.
 pub fn make(context: &mut Context, kind: &str, p: &Params, world_from_light: DMat4) -> Result<(), Fault> {
     let place = p.place;
     if p.get("mapname").is_some() {
@@ -193,7 +194,8 @@ fn times(spectrum: &Spectrum, factor: f64) -> Spectrum {
     }
 }
 
-/// What an area light adds to the material of a shape of an area (m²).
+/// What an area light adds to the material of a shape of an area (m²): radiance by cd/m², or by `power` in lm. Fails where its factor is below 0 or not finite, or its
+/// spectrum is wrong; a picture that is missing is noted.
 pub fn emission(context: &mut Context, p: &Params, area: f32) -> Result<Emission, Fault> {
     let picture = match p.text("filename")? {
         None => None,

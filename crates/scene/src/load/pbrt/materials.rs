@@ -81,7 +81,8 @@ impl Materials {
         &self.all[number]
     }
 
-    /// A material of a type.
+    /// A material of a type; none for an interface. Fails where the type is not known or is pbrt-v3's, a number or spectrum is out of range, or a texture, file or part
+    /// of a mixture is not there.
     pub fn make(&mut self, context: &mut Context, textures: &Textures, kind: &str, p: &Params) -> Result<Made, Fault> {
         p.get("type");
         let (mut inside, mut own_name) = (None, None);

@@ -34,7 +34,8 @@ const PRESETS: [(&str, [f32; 3], [f32; 3]); 12] = [
 /// Most values of a grid: what is numbered by 31 bits.
 const MOST_VALUES: usize = 1 << 31;
 
-/// A `MakeNamedMedium`.
+/// A `MakeNamedMedium`, coefficients in 1/m. Fails where its type is missing or not known, `g`, `scale` or a value of a grid is out of range, grids do not fit their
+/// size, or its file cannot be read.
 pub fn make(context: &mut Context, name: &str, p: &Params) -> Result<Medium, Fault> {
     let kind = match p.text("type")? {
         Some(kind @ ("homogeneous" | "uniformgrid" | "rgbgrid" | "cloud" | "nanovdb")) => kind,

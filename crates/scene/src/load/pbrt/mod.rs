@@ -55,7 +55,8 @@ impl Place {
     }
 }
 
-/// Reads a scene. `name` stands for the main file in messages; `fetch` gets files by the names in it.
+/// Reads a scene. `name` stands for the main file in messages; `fetch` gets files by the names in it. Fails with the file and line of the first thing that is wrong:
+/// text, a directive or type that is not known, a value out of range, a name or file that is not there; and where nothing has a surface.
 pub fn load(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
     let mut world = world::World::new(name, fetch);
     let description = match world.read_main(bytes) {

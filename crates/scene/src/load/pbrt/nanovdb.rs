@@ -11,7 +11,8 @@ use crate::medium::{Field, Medium, Scalars};
 const DENSITY: &str = "density";
 const TEMPERATURE: &str = "temperature";
 
-/// Reads the grids of a medium.
+/// Fills a medium with the grids of its `filename`; `scale`: a factor on its coefficients. Fails where the file or a grid that is named is missing or damaged, or the
+/// grid has no volume.
 pub fn make(context: &mut Context, p: &Params, bare: Medium, scale: f32) -> Result<Medium, Fault> {
     let name = p.text("filename")?.ok_or_else(|| p.place.fault("a nanovdb medium without filename", "\"string filename\""))?;
     let bytes = context.file(name, p.place)?;

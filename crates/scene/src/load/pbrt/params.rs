@@ -58,7 +58,8 @@ const KINDS: [&str; 17] = [
     "xyz",
 ];
 
-/// Reads a list up to the next directive.
+/// Reads a list up to the next directive. Fails where a declaration is no type and name, its type is not known or is pbrt-v3's, or its values are missing, of another
+/// kind, too few or not finite.
 pub fn read(lexer: &mut Lexer, place: Place) -> Result<Params, Fault> {
     let mut list: Vec<Param> = Vec::new();
     while let Some((Token::Text(_), _)) = lexer.peek()? {
@@ -180,22 +181,22 @@ impl Params {
         }
     }
 
-    /// A list of numbers.
+    /// A list of numbers; `None` where the parameter is not there. Fails where it is of another type.
     pub fn floats(&self, name: &str) -> Result<Option<&[f64]>, Fault> {
         self.numbers(name, &["float"])
     }
 
-    /// One number.
+    /// One number, the first of a list. Fails where it is of another type.
     pub fn float(&self, name: &str, default: f64) -> Result<f64, Fault> {
         Ok(self.floats(name)?.and_then(|n| n.first().copied()).unwrap_or(default))
     }
 
-    /// One whole number.
+    /// One whole number, the first of a list, its fraction cut off. Fails where it is of another type.
     pub fn integer(&self, name: &str, default: i64) -> Result<i64, Fault> {
         Ok(self.numbers(name, &["integer"])?.and_then(|n| n.first().copied()).map_or(default, |n| n as i64))
     }
 
-    /// Whole numbers that count from 0 up, below 2^31.
+    /// Whole numbers that count from 0 up, below 2^31; `None` where the parameter is not there. Fails where one is not such a number, or of another type.
     pub fn indices(&self, name: &str) -> Result<Option<Vec<u32>>, Fault> {
         let Some(n) = self.numbers(name, &["integer"])? else { return Ok(None) };
         let index = |v: &f64| ((0.0..2_147_483_648.0).contains(v) && v.fract() == 0.0).then_some(*v as u32);
@@ -203,7 +204,7 @@ impl Params {
         all.map(Some).ok_or_else(|| self.place.fault(format!("\"integer {name}\" with numbers out of range"), "0 to 2147483647"))
     }
 
-    /// Yes or no.
+    /// Yes or no. Fails where it is of another type.
     pub fn bool(&self, name: &str, default: bool) -> Result<bool, Fault> {
         let Some(p) = self.get(name) else { return Ok(default) };
         match &p.values {
@@ -212,7 +213,7 @@ impl Params {
         }
     }
 
-    /// Text.
+    /// Text, the first of a list; `None` where it is not there. Fails where it is of another type.
     pub fn text(&self, name: &str) -> Result<Option<&str>, Fault> {
         let Some(p) = self.get(name) else { return Ok(None) };
         match &p.values {
@@ -221,19 +222,19 @@ impl Params {
         }
     }
 
-    /// Places or directions in space.
+    /// Places or directions in space; `None` where the parameter is not there. Fails where it is of another type.
     pub fn vectors(&self, name: &str) -> Result<Option<Vec<Vec3>>, Fault> {
         let kinds = ["point3", "point", "vector3", "vector", "normal", "normal3"];
         let n = self.numbers(name, &kinds)?;
         Ok(n.map(|n| n.chunks_exact(3).map(|v| Vec3::new(v[0] as f32, v[1] as f32, v[2] as f32)).collect()))
     }
 
-    /// One place or direction.
+    /// One place or direction. Fails where it is of another type.
     pub fn vector(&self, name: &str, default: Vec3) -> Result<Vec3, Fault> {
         Ok(self.vectors(name)?.and_then(|v| v.first().copied()).unwrap_or(default))
     }
 
-    /// Places in the plane.
+    /// Places in the plane; `None` where the parameter is not there. Fails where it is of another type.
     pub fn points2(&self, name: &str) -> Result<Option<Vec<Vec2>>, Fault> {
         let n = self.numbers(name, &["point2", "vector2"])?;
         Ok(n.map(|n| n.chunks_exact(2).map(|v| Vec2::new(v[0] as f32, v[1] as f32)).collect()))

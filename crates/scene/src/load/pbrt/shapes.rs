@@ -20,7 +20,8 @@ pub enum Form {
 /// Steps around a round thing: its outline is within 1e-4 of its radius.
 const AROUND: usize = 256;
 
-/// A shape in its own space; those that bring warnings or files are made elsewhere (`loopsubdiv`, `plymesh`).
+/// A shape in its own space; those that bring warnings or files are made elsewhere (`loopsubdiv`, `plymesh`). Fails where the type is not known, a radius, angle or width
+/// is out of range, or points, indices and what belongs to them do not fit together.
 pub fn make(kind: &str, p: &Params, place: Place) -> Result<Form, Fault> {
     let radius = || {
         let r = p.float("radius", 1.0)? as f32;
@@ -343,7 +344,8 @@ fn bilinear_mesh(p: &Params, place: Place) -> Result<Mesh, Fault> {
 }
 
 /// Loop's subdivision with its points on the limit surface, and what is to be said of it. Boundaries are as pbrt has them, but for their limit:
-/// pbrt weighs by (1, 3, 1)/5, which is that of another rule; the limit of its rule is (1, 4, 1)/6.
+/// pbrt weighs by (1, 3, 1)/5, which is that of another rule; the limit of its rule is (1, 4, 1)/6. Fails without points or indices, where they do not fit together or
+/// are not finite, and for more than [`subdivision::MOST_LEVELS`] levels.
 pub fn loop_subdivision(p: &Params, place: Place) -> Result<(Mesh, Option<String>), Fault> {
     p.get("scheme");
     let levels = p.integer("levels", 3)?;

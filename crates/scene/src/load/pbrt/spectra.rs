@@ -105,7 +105,8 @@ fn any(context: &Context, p: &Param, purpose: Use) -> Result<Spectrum, Fault> {
     }
 }
 
-/// A spectrum of a list of parameters, or what it is without.
+/// A spectrum of a list of parameters, or what it is without. Fails where it is of no type that is a spectrum, out of the range of its purpose, or its file cannot be
+/// read.
 pub fn get(context: &Context, params: &Params, name: &str, purpose: Use, default: Spectrum) -> Result<Spectrum, Fault> {
     params.get(name).map_or(Ok(default), |p| of(context, p, purpose))
 }

@@ -17,7 +17,8 @@ use glam::Vec3;
 /// Absorption and scattering of what is described by nothing else: milk, 1/mm. Source: pbrt-v4's file format.
 const DEFAULT: [[f32; 3]; 2] = [[0.0011, 0.0024, 0.014], [2.55, 3.21, 3.77]];
 
-/// The medium below a surface of an index of refraction.
+/// The medium below a surface of an index of refraction, coefficients in 1/m. Fails where `scale`, `g`, a mean free path or a reflectance is out of range, one is a
+/// texture, a name is not known, or parameters contradict or lack each other.
 pub fn medium(context: &mut Context, p: &Params, eta: f32) -> Result<Medium, Fault> {
     let scale = p.float("scale", 1.0)? as f32;
     if !(scale > 0.0 && scale.is_finite()) {

@@ -26,7 +26,8 @@ const MOST_LOOKUPS: usize = 512;
 const MEAN: Vec3 = Vec3::splat(1.0 / 3.0);
 
 impl Textures {
-    /// A `Texture` directive.
+    /// A `Texture` directive. Fails where its type or class is not known, a parameter is out of range, a texture that it names is not there, its own name is taken, or it
+    /// has too many parts.
     pub fn make(&mut self, context: &mut Context, name: &str, kind: &str, class: &str, p: &Params) -> Result<(), Fault> {
         let float = match kind {
             "float" => true,
@@ -214,7 +215,7 @@ impl Textures {
         Ok(Graph::Image { texture, scale, invert, as_number: weights, mapping })
     }
 
-    /// A number of a material or shape that may be a texture.
+    /// A number of a material or shape that may be a texture. Fails where it is neither one number nor a texture that is there.
     pub fn scalar(&self, context: &mut Context, p: &Params, name: &str, default: f32) -> Result<Scalar, Fault> {
         let Some(param) = p.get(name) else { return Ok(Scalar::Constant(default)) };
         match (&param.values, param.kind.as_str()) {
@@ -235,7 +236,7 @@ impl Textures {
         }
     }
 
-    /// A reflectance that may be a texture.
+    /// A reflectance that may be a texture. Fails where a value is not within 0 to 1, it is of no type that is a colour, or the texture is not there.
     pub fn color(&self, context: &mut Context, p: &Params, name: &str, default: f32) -> Result<Color, Fault> {
         let Some(param) = p.get(name) else { return Ok(Color::rgb(default, default, default)) };
         if param.kind == "texture" {

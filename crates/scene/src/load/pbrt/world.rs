@@ -179,6 +179,7 @@ impl<'a> World<'a> {
         }
     }
 
+    /// Reads the main file, gzip or not, and all that it includes. Fails where a directive is not known or wrong, a block is not ended, or there is no `WorldBegin`.
     pub fn read_main(&mut self, bytes: &[u8]) -> Result<(), Fault> {
         let bytes = unzipped(bytes.to_vec()).map_err(|e| Place::default().fault(e, "pbrt's text or a .gz of it"))?;
         self.read(&bytes, 0)?;

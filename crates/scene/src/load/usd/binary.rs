@@ -418,7 +418,7 @@ fn damaged(name: &str, found: Wrong) -> SceneError {
     error(name, found, "a whole .usdc file (crate 0.4 to 0.13): it is cut short or damaged")
 }
 
-/// Reads a crate file: its specs; values stay packed.
+/// Reads a crate file: its specs; values stay packed. Fails where it is not of crate 0.4 to 0.13, cut short, or one of its sections is missing or damaged.
 pub fn read(bytes: Arc<[u8]>, name: &str, folder: Folder) -> Result<Layer, SceneError> {
     let header = bytes.get(8..11).map(|v| [v[0], v[1], v[2]]);
     let version = header.ok_or_else(|| damaged(name, format!("{} bytes", bytes.len())))?;

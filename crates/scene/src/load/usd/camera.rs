@@ -10,7 +10,7 @@ use glam::{Affine3A, DMat4};
 /// Sides of a film that nobody doubts, mm.
 const PLAUSIBLE_MM: std::ops::RangeInclusive<f64> = 1.0..=500.0;
 
-/// Adds a camera.
+/// Adds a camera. Fails where a value of it is damaged in its file; what is not finite or not positive has the default of UsdGeomCamera.
 pub fn add(world: &mut World, prim: &Prim, place: &Place) -> Result<(), SceneError> {
     let stage = &world.stage;
     let number = |name: &str, default: f64| -> Result<f64, SceneError> {
@@ -67,7 +67,8 @@ fn unscaled(place: DMat4) -> Affine3A {
     affine(DMat4::from_cols(x.extend(0.0), y.extend(0.0), z.extend(0.0), place.w_axis))
 }
 
-/// Columns and rows of a RenderSettings prim.
+/// Columns and rows of a RenderSettings prim. `None` where there is none, or it is not 1 to 65535 a side and at most 100 million pixels. Fails where the value is damaged
+/// in its file.
 pub fn resolution(stage: &Stage, prim: &Prim) -> Result<Option<[usize; 2]>, SceneError> {
     let size = stage.value(prim, "resolution")?.and_then(|v| v.ints());
     Ok(size.and_then(|s| match s[..] {

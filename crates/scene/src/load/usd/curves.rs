@@ -39,7 +39,7 @@ enum Per {
     Vertex,
 }
 
-/// The curves of a prim, and what was left out of them.
+/// The curves of a prim, and what was left out of them. Fails where a value of it is damaged in its file; curves that do not fit their points are left out.
 pub fn read(stage: &Stage, prim: &Prim) -> Result<(Curves, Vec<&'static str>), SceneError> {
     let floats = |name: &str| -> Result<Arc<[f32]>, SceneError> {
         Ok(stage.value(prim, name)?.and_then(|v| v.floats()).unwrap_or_else(|| Arc::new([])))

@@ -25,7 +25,8 @@ const MOST_CORNERS: usize = 512;
 
 /// Reads a mesh, subdivided to a level if it is a subdivision surface: one for each part that has faces.
 ///
-/// `shapes` are the blend shapes of a mesh that hangs on a skeleton; `None` of others. A displaced mesh has `most_displaced` triangles at most.
+/// `shapes` are the blend shapes of a mesh that hangs on a skeleton; `None` of others. A displaced mesh has `most_displaced` triangles at most. Fails where a value of it
+/// is damaged in its file; faces that do not fit their points are left out.
 pub fn read(
     stage: &Stage,
     prim: &Prim,

@@ -277,14 +277,14 @@ impl Layer {
         own.map(move |p| &p[after..]).filter(|name| name.matches(':').count() == 1)
     }
 
-    /// A field of the spec of a path.
+    /// A field of the spec of a path. `None` without either. Fails where the value is damaged in its file.
     pub fn get(&self, path: &str, key: Key) -> Result<Option<Value>, SceneError> {
         let Some(spec) = self.specs.get(path) else { return Ok(None) };
         let Some((_, field)) = spec.fields.iter().find(|(k, _)| *k == key) else { return Ok(None) };
         self.read(field).map(Some)
     }
 
-    /// The value of a field.
+    /// The value of a field. Fails where a packed one is damaged or points beyond the end of its file.
     pub fn read(&self, field: &Field) -> Result<Value, SceneError> {
         match (field, &self.data) {
             (Field::Ready(value), _) => Ok(value.clone()),

@@ -19,7 +19,7 @@ use glam::{DVec3, Mat3, Vec3};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-/// Adds a light.
+/// Adds a light. Fails where a value of it is damaged in its file, or there are too many things in the scene.
 pub fn add(world: &mut World, kind: &str, prim: &Arc<Prim>, place: &Place) -> Result<(), SceneError> {
     if place.instancers > 0 {
         world.leave_out("lights within prototypes of instancers");

@@ -103,7 +103,7 @@ pub struct Control {
     pub bending: Option<Bending>,
 }
 
-/// A primvar by name, if it is there; `None` in the outer place if it does not fit the mesh.
+/// A primvar by name, `width` numbers a value; `Some(None)` where it is not there, `None` where it does not fit the mesh. Fails where a value is damaged in its file.
 pub fn primvar(
     stage: &Stage,
     prim: &Prim,

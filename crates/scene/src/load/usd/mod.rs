@@ -42,7 +42,8 @@ fn error(place: &str, found: impl Into<String>, expected: impl Into<String>) -> 
     SceneError::File { place: place.to_owned(), found: found.into(), expected: format!("expected {}", expected.into()) }
 }
 
-/// Reads a scene. `name` stands for the main file in messages; `fetch` gets files by the names in it.
+/// Reads a scene. `name` stands for the main file in messages; `fetch` gets files by the names in it. Fails where a layer is damaged, of another version or no USD,
+/// references go round or too deep, `metersPerUnit` is not 1e-9 to 1e9, or nothing that is drawn has a surface. Layers and pictures that are missing are warnings.
 pub fn load(bytes: Vec<u8>, name: &str, fetch: Fetch) -> Result<Description, SceneError> {
     let description = world::World::new(bytes, name, fetch)?.run()?;
     finished(description, name, "a Mesh, a Sphere or another solid that is drawn (purpose \"default\" or \"render\", visible)")

@@ -21,7 +21,7 @@ pub struct Package {
     pub first: Option<String>,
 }
 
-/// Reads the directory of an archive.
+/// Reads the directory of an archive. Fails where it is cut short, a file in it is compressed, or an entry lies outside of it.
 pub fn read(bytes: Arc<[u8]>, name: &str) -> Result<Package, SceneError> {
     let damaged = |found: &str| error(name, found, "a whole .usdz file: it is cut short or damaged");
     let short = |at: usize| bytes.get(at..at.checked_add(2)?).map(|b| usize::from(u16::from_le_bytes([b[0], b[1]])));

@@ -172,7 +172,7 @@ impl<'a> Stage<'a> {
         Ok(self.layers.len() - 1)
     }
 
-    /// The bytes of a file that a layer names.
+    /// The bytes of a file that a layer names. Fails with the reason where it cannot be had, or is not in the package that the layer is in.
     pub fn file(&self, layer: usize, asset: &str) -> Result<Vec<u8>, String> {
         let folder = &self.layers[layer].folder;
         let path = joined(&folder.path, asset);

@@ -18,7 +18,7 @@ pub const LEVEL: u32 = 2;
 /// Most triangles that all subdivided meshes of a scene become, each counted once: about a gigabyte with its hierarchy.
 pub const MOST_IN_ALL: usize = 1 << 23;
 
-/// How a mesh is subdivided; `None` of polygons.
+/// How a mesh is subdivided; `None` of polygons. Fails where a value is damaged in its file.
 pub fn scheme(stage: &Stage, prim: &Prim) -> Result<Option<Scheme>, SceneError> {
     let said = stage.value(prim, "subdivisionScheme")?;
     Ok(match said.as_ref().and_then(Value::text).map(|t| &**t) {
@@ -33,7 +33,7 @@ pub fn scheme(stage: &Stage, prim: &Prim) -> Result<Option<Scheme>, SceneError> 
     })
 }
 
-/// The level to which all meshes are subdivided: [`LEVEL`], or less where that would be more than [`MOST_IN_ALL`] triangles.
+/// The level to which all meshes are subdivided: [`LEVEL`], or less where that would be more than [`MOST_IN_ALL`] triangles. Fails where a value is damaged in its file.
 pub fn level(stage: &Stage, prims: &[Arc<Prim>]) -> Result<u32, SceneError> {
     use rayon::prelude::*;
     let faces = |prim: &Arc<Prim>| -> Result<Option<(Scheme, Vec<u32>)>, SceneError> {

@@ -33,7 +33,7 @@ pub struct Xform {
     pub sheared: bool,
 }
 
-/// The place of a prim in its parent.
+/// The place of a prim in its parent. Fails where a value is damaged in its file.
 pub fn of(stage: &Stage, prim: &Prim) -> Result<Xform, SceneError> {
     let mut xform = Xform { rest: DMat4::IDENTITY, resets: false, keys: None, sheared: false };
     let order = match stage.value(prim, "xformOpOrder")? {

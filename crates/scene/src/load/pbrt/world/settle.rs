@@ -15,7 +15,8 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 impl World<'_> {
-    /// All names are known: materials are given to shapes, lights to materials, the camera to the world.
+    /// All names are known: materials are given to shapes, lights to materials, the camera to the world. Fails where a material or medium was never defined, a mesh
+    /// cannot be read, or the film, the camera or an area light is wrong.
     pub fn finish(mut self) -> Result<Description, SceneError> {
         self.settle().map_err(|fault| self.context.error(fault))?;
         Ok(self.context.description)
