@@ -13,6 +13,8 @@
 //! Even and odd samples are two independent replicates with scrambles of their own. Half the difference of their means is
 //! an honest error estimate even where the points within a replicate are not independent (see `FocalPlane`).
 
+mod sobol;
+
 /// How the samples of a pixel are spread.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[non_exhaustive]
@@ -76,7 +78,7 @@ impl Set {
     }
 }
 
-/// Integer hash with good avalanche. Source: Wellons, "lowbias32" (hash-prospector).
+/// Integer hash with good avalanche; 0 stays 0. Source: Wellons, "lowbias32" (hash-prospector).
 #[inline]
 pub fn mix(mut x: u32) -> u32 {
     x ^= x >> 16;
@@ -90,75 +92,6 @@ pub fn mix(mut x: u32) -> u32 {
 #[inline]
 pub fn to_unit(x: u32) -> f32 {
     (x >> 8) as f32 * (1.0 / 16_777_216.0)
-}
-
-/// Owen scrambling of a bit-reversed number. Source: Vegdahl 2021, "Building a Better LK Hash" (constants).
-#[inline]
-fn scramble_reversed(mut x: u32, seed: u32) -> u32 {
-    x ^= x.wrapping_mul(0x3d20_adea);
-    x = x.wrapping_add(seed);
-    x = x.wrapping_mul((seed >> 16) | 1);
-    x ^= x.wrapping_mul(0x0552_6c56);
-    x ^ x.wrapping_mul(0x53a2_2864)
-}
-
-/// Bit-reversed Sobol points for each value of the low and of the high byte of a 16-bit index; XOR of both is the point.
-static SOBOL_REVERSED: [[[u32; 4]; 256]; 2] = sobol_table();
-
-const fn sobol_table() -> [[[u32; 4]; 256]; 2] {
-    // Direction numbers m₁, m₂ ... of the first four dimensions (Joe & Kuo 2008, new-joe-kuo-6): degree, coefficients, m.
-    let mut directions = [[0u32; 16]; 4];
-    let degree = [0usize, 1, 2, 3];
-    let coefficients = [0u32, 0, 1, 1];
-    let initial = [[0u32; 3], [1, 0, 0], [1, 3, 0], [1, 3, 1]];
-    let mut d = 0;
-    while d < 4 {
-        let mut k = 0;
-        while k < 16 {
-            let m = if d == 0 {
-                1u32 << (31 - k)
-            } else if k < degree[d] {
-                initial[d][k] << (31 - k)
-            } else {
-                let s = degree[d];
-                let mut v = directions[d][k - s] ^ (directions[d][k - s] >> s);
-                let mut j = 1;
-                while j < s {
-                    if (coefficients[d] >> (s - 1 - j)) & 1 == 1 {
-                        v ^= directions[d][k - j];
-                    }
-                    j += 1;
-                }
-                v
-            };
-            directions[d][k] = m;
-            k += 1;
-        }
-        d += 1;
-    }
-    let mut table = [[[0u32; 4]; 256]; 2];
-    let mut byte = 0;
-    while byte < 2 {
-        let mut value = 0;
-        while value < 256 {
-            let mut d = 0;
-            while d < 4 {
-                let mut x = 0;
-                let mut bit = 0;
-                while bit < 8 {
-                    if (value >> bit) & 1 == 1 {
-                        x ^= directions[d][byte * 8 + bit];
-                    }
-                    bit += 1;
-                }
-                table[byte][value][d] = x.reverse_bits();
-                d += 1;
-            }
-            value += 1;
-        }
-        byte += 1;
-    }
-    table
 }
 
 /// A pseudo-random permutation of 0..n, evaluated at i. Source: Kensler 2013, listing 3.
@@ -221,6 +154,8 @@ pub struct Sampler {
     seed: u32,
     /// Index within the replicate.
     index: u32,
+    /// Its 16 low bits, reversed.
+    reversed_index: u16,
     /// Samples in the replicate when all are rendered: the strata of `Jittered`.
     count: u32,
     /// Index and number of samples of both replicates: the grid of `Grid`.
@@ -228,12 +163,13 @@ pub struct Sampler {
 }
 
 impl Sampler {
-    /// Numbers of sample `index` (of `count` in all) of `pixel` under `seed`.
+    /// Numbers of sample `index` (from 0, of `count` in all) of `pixel` (column, row) under `seed`.
     pub fn new(kind: SamplerKind, seed: u64, pixel: (u32, u32), index: u32, count: u32) -> Self {
         let replicate = index & 1;
         let seed = mix(seed as u32 ^ mix((seed >> 32) as u32 ^ 0x68bc_21eb));
         let seed = mix(seed ^ mix(pixel.0 ^ mix(pixel.1.wrapping_add(0x2545_f491).wrapping_add(replicate << 31))));
-        Sampler { kind, seed, index: index >> 1, count: count.div_ceil(2).max(1), whole: (index, count.max(1)) }
+        let (whole, index) = ((index, count.max(1)), index >> 1);
+        Sampler { kind, seed, index, reversed_index: (index as u16).reverse_bits(), count: count.div_ceil(2).max(1), whole }
     }
 
     /// 0 or 1: which of the two independent halves of the samples this one belongs to.
@@ -241,17 +177,38 @@ impl Sampler {
         (self.whole.0 & 1) as usize
     }
 
-    /// Number of the sample among those of its pixel.
+    /// Number of the sample among those of its pixel, from 0.
     pub fn number(&self) -> u32 {
         self.whole.0
+    }
+
+    /// What the numbers of a set are made from.
+    #[inline(always)]
+    fn seed_of(&self, set: Set) -> u32 {
+        mix(self.seed.wrapping_add(set.number().wrapping_mul(0x9e37_79b9)))
+    }
+
+    /// Sobol points repeat after 2¹⁶ of a replicate; later ones get other scrambles.
+    #[inline(always)]
+    fn scrambled(&self, seed: u32) -> u32 {
+        if self.index >> 16 == 0 { seed } else { mix(seed ^ (self.index >> 16)) }
+    }
+
+    /// The numbers of two sets; Sobol points in the lanes of one vector, bit by bit those of [`Sampler::get`].
+    #[inline]
+    pub fn get_two(&self, sets: [Set; 2]) -> [[f32; 4]; 2] {
+        match self.kind {
+            SamplerKind::Sobol => sobol::two_points(sets.map(|set| self.scrambled(self.seed_of(set))), self.reversed_index),
+            _ => sets.map(|set| self.get(set)),
+        }
     }
 
     /// Four numbers in [0, 1).
     #[inline(always)]
     pub fn get(&self, set: Set) -> [f32; 4] {
-        let seed = mix(self.seed.wrapping_add(set.number().wrapping_mul(0x9e37_79b9)));
+        let seed = self.seed_of(set);
         match self.kind {
-            SamplerKind::Sobol => self.sobol(seed),
+            SamplerKind::Sobol => sobol::point(self.scrambled(seed), self.reversed_index),
             SamplerKind::Independent => self.independent(seed),
             SamplerKind::Jittered => {
                 let (a, b) = (self.jittered(seed), self.jittered(mix(seed ^ 0x5bd1_e995)));
@@ -275,25 +232,8 @@ impl Sampler {
 
     /// As many numbers as a decision needs, independent of those of other decisions, samples and pixels; not stratified.
     pub fn stream(&self, set: Set) -> Stream {
-        let seed = mix(self.seed.wrapping_add(set.number().wrapping_mul(0x9e37_79b9)));
+        let seed = self.seed_of(set);
         Stream { state: (u64::from(seed) << 32) | u64::from(self.index) }
-    }
-
-    #[inline]
-    fn sobol(&self, seed: u32) -> [f32; 4] {
-        // Points repeat after 2¹⁶ of a replicate; later ones get other scrambles.
-        let seed = if self.index >> 16 == 0 { seed } else { mix(seed ^ (self.index >> 16)) };
-        // Shuffle the index: an Owen scramble of its 16 bits keeps every aligned block of 2ᵏ points together.
-        let reversed = (self.index & 0xffff).reverse_bits() >> 16;
-        let shuffled = (scramble_reversed(reversed, seed) & 0xffff).reverse_bits() >> 16;
-        let low = SOBOL_REVERSED[0][(shuffled & 255) as usize];
-        let high = SOBOL_REVERSED[1][(shuffled >> 8) as usize];
-        let mut numbers = [0.0; 4];
-        for d in 0..4 {
-            let dimension_seed = mix(seed ^ (d as u32 + 1).wrapping_mul(0x85eb_ca6b));
-            numbers[d] = to_unit(scramble_reversed(low[d] ^ high[d], dimension_seed).reverse_bits());
-        }
-        numbers
     }
 
     #[inline]
@@ -390,6 +330,17 @@ mod tests {
         assert!(chi2 < 150.0, "χ² {chi2}");
         // Of 9600 draws from 2²⁴ values about 3 pairs coincide.
         assert!(firsts.len() > 9580, "{}", firsts.len());
+    }
+
+    #[test]
+    fn two_sets_at_a_time_are_those_taken_one_by_one() {
+        for kind in KINDS {
+            for (index, vertex) in (0..200).map(|k| (k * 7919, k % 9)) {
+                let sampler = Sampler::new(kind, 11, (index, 3), index, 400);
+                let sets = [Set::Light(vertex), Set::Scatter(vertex)];
+                assert_eq!(sampler.get_two(sets), sets.map(|set| sampler.get(set)), "{kind:?} {index}");
+            }
+        }
     }
 
     #[test]

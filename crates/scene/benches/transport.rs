@@ -9,7 +9,6 @@ use diopter_light::random::{Sampler, SamplerKind, Set};
 use diopter_light::wavelength::WavelengthSampler;
 use diopter_light::{Ray, Wavelengths, sampling};
 use diopter_scene::material::{Material, Scattering};
-use diopter_scene::radiance::CameraPath;
 use diopter_scene::shape::{Mesh, Surface, offset_origin};
 use diopter_scene::texture::Color;
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape, builtin};
@@ -20,8 +19,6 @@ use std::time::Instant;
 /// Pixels a side of the picture whose rays are traced.
 const SIDE: u32 = 384;
 const DEPTH: u32 = 8;
-/// Paths that are on their way together.
-const PACKET: usize = 16;
 
 /// Median of five runs, s.
 fn seconds(mut run: impl FnMut()) -> f64 {
@@ -174,21 +171,10 @@ fn measure(title: &str, description: Description, [look_from, look_at]: [Vec3; 2
         }) / primary.len() as f64
     };
     let path_s = paths(&|w| wavelengths.sample(w), &settings);
-    let together_s = seconds(|| {
-        for (chunk, rays) in primary.chunks(PACKET).enumerate() {
-            let begin = |(i, ray): (usize, &Ray)| {
-                let sampler = sampler_of((chunk * PACKET + i) as u32, 0);
-                CameraPath::new(*ray, wavelengths.sample(sampler.get(Set::Time)[0]), sampler)
-            };
-            let paths: Vec<CameraPath> = rays.iter().enumerate().map(begin).collect();
-            black_box(scene.radiance_of(&paths, &settings));
-        }
-    }) / primary.len() as f64;
     let rgb_s = paths(&|_| Wavelengths::rgb(), &settings);
     println!(
-        "  paths of at most {DEPTH} events: {:.3} M/s of four wavelengths ({:.3} {PACKET} at a time), {:.3} M/s of red, green and blue",
+        "  paths of at most {DEPTH} events: {:.3} M/s of four wavelengths, {:.3} M/s of red, green and blue",
         1e-6 / path_s,
-        1e-6 / together_s,
         1e-6 / rgb_s
     );
 

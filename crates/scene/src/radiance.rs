@@ -15,6 +15,7 @@ mod incident;
 mod joint;
 mod media;
 mod medium_segment;
+mod next_event;
 mod path;
 mod prev_scatter;
 pub(crate) mod tally;
@@ -85,53 +86,46 @@ impl Scene {
 
     /// The same along a camera path.
     pub fn radiance_along(&self, path: &CameraPath, settings: &PathSettings) -> Sampled {
-        self.follow(path, settings, Sampled::ZERO)
+        Transport { scene: self, settings }.follow(path, Sampled::ZERO)
     }
 
-    /// The same of many camera paths, which are on their way together, in their order. Each is what it would be alone, bit by bit.
+    /// The same of many camera paths, in their order.
     pub fn radiance_of(&self, paths: &[CameraPath], settings: &PathSettings) -> Vec<Sampled> {
-        self.follow_all(paths, settings, |light: Sampled| light)
+        self.follow_all(paths, settings, |_| Sampled::ZERO)
     }
 
-    /// The Stokes vector of the same light at each of the four wavelengths ([`diopter_light::polarization`]), all of it by the path: without light paths and [`CameraPath::shown`]. `axis` is the x axis of
-    /// its frame, perpendicular to the ray. Q, U and V are 0 on the mean where nothing polarises. I is, sample by sample, [`Scene::radiance_along`] where
-    /// no two events of the path polarise; elsewhere it is what polarised light gives, and that is another number.
-    pub fn stokes(&self, path: &CameraPath, axis: Vec3, settings: &PathSettings) -> [Stokes; 4] {
-        let alone = CameraPath { light_paths: LightPaths::default(), shown: None, ..*path };
-        self.follow(&alone, settings, Polarized::seen_along(axis)).stokes
+    /// The Stokes vectors of the same light at each of the four wavelengths ([`diopter_light::polarization`]), all of it by the paths: without light paths and
+    /// [`CameraPath::shown`]. `axes`: the x axis of the frame of each path, perpendicular to its ray. Q, U and V are 0 on the mean where nothing polarises. I is, sample by
+    /// sample, [`Scene::radiance_of`] where no two events of the path polarise; elsewhere it is what polarised light gives, and that is another number.
+    ///
+    /// Panics where there are fewer axes than paths.
+    pub fn stokes_of(&self, paths: &[CameraPath], axes: &[Vec3], settings: &PathSettings) -> Vec<[Stokes; 4]> {
+        let alone = |path: &CameraPath| CameraPath { light_paths: LightPaths::default(), shown: None, ..*path };
+        let paths: Vec<CameraPath> = paths.iter().map(alone).collect();
+        let tallies = self.follow_all(&paths, settings, |number| Polarized::seen_along(axes[number]));
+        tallies.into_iter().map(|tally| tally.stokes).collect()
     }
 
-    /// The same numbers, and what of them is direct light: emitted towards the camera, or scattered once on its way, by surface or medium. What goes through
-    /// a thin dielectric or off a mirror is scattered there. Direct light is, bit by bit (within rounding where volumes shine),
-    /// what [`Scene::radiance_along`] gives with a `max_depth` of 1.
-    pub fn radiance_and_direct(&self, path: &CameraPath, settings: &PathSettings) -> [Sampled; 2] {
-        let Apart { all, direct } = self.follow(path, settings, Apart::default());
-        [all, direct]
+    /// The numbers of [`Scene::radiance_of`], and what of them is direct light: emitted towards the camera, or scattered once on its way, by surface or medium. What goes
+    /// through a thin dielectric or off a mirror is scattered there. Direct light is, bit by bit (within rounding where volumes shine), the radiance with a `max_depth` of 1.
+    pub fn radiance_and_direct_of(&self, paths: &[CameraPath], settings: &PathSettings) -> Vec<[Sampled; 2]> {
+        let tallies = self.follow_all(paths, settings, |_| Apart::default());
+        tallies.into_iter().map(|Apart { all, direct }| [all, direct]).collect()
     }
 
     /// The same numbers, and what of them came from photons: by how much they matter in a picture.
-    pub fn radiance_and_caustics(&self, path: &CameraPath, settings: &PathSettings) -> [Sampled; 2] {
-        let Gathered { all, gathered } = self.follow(path, settings, Gathered::default());
-        [all, gathered]
+    pub fn radiance_and_caustics_of(&self, paths: &[CameraPath], settings: &PathSettings) -> Vec<[Sampled; 2]> {
+        let tallies = self.follow_all(paths, settings, |_| Gathered::default());
+        tallies.into_iter().map(|Gathered { all, gathered }| [all, gathered]).collect()
     }
 
-    /// [`Scene::radiance_and_direct`] of many camera paths.
-    pub fn radiance_and_direct_of(&self, paths: &[CameraPath], settings: &PathSettings) -> Vec<[Sampled; 2]> {
-        self.follow_all(paths, settings, |Apart { all, direct }| [all, direct])
-    }
-
-    /// Follows a path to its end.
-    fn follow<T: Tally>(&self, path: &CameraPath, settings: &PathSettings, tally: T) -> T {
-        Transport { scene: self, settings }.follow(path, tally)
-    }
-
-    /// Follows many paths, all of them a step at a time.
-    fn follow_all<T: Tally + Default, R>(
-        &self,
-        paths: &[CameraPath],
-        settings: &PathSettings,
-        result: impl Fn(T) -> R,
-    ) -> Vec<R> {
-        Transport { scene: self, settings }.follow_all(paths).into_iter().map(result).collect()
+    fn follow_all<'a, T: Tally>(
+        &'a self,
+        paths: &'a [CameraPath<'a>],
+        settings: &'a PathSettings,
+        tally: impl Fn(usize) -> T,
+    ) -> Vec<T> {
+        let transport = Transport { scene: self, settings };
+        paths.iter().enumerate().map(|(number, path)| transport.follow(path, tally(number))).collect()
     }
 }

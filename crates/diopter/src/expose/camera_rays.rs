@@ -116,7 +116,7 @@ pub(super) fn times(a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
     std::array::from_fn(|k| a[k] * b[k])
 }
 
-/// Samples through an ideal lens that are on their way together.
+/// Samples through an ideal lens that are drawn before their light is.
 const PACKET: usize = 16;
 
 impl Unit<'_> {
@@ -171,15 +171,10 @@ impl Unit<'_> {
             exits.passed = 0;
             for (k, number) in members.by_ref().take(LANES).enumerate() {
                 let (x, y, sample) = numbers.of(number);
-                let sampler = self.sampler(x, y, sample);
-                let [w, t, spot @ ..] = sampler.get(Set::Time);
-                let wavelengths = self.wavelengths.sample(self.wavelength_number(w, &sampler));
-                let filter = film.low_pass_shift(spot) - self.film_shift(x, y, t);
-                let displaced = self.displaced(x, y, &sampler, &wavelengths);
-                shifts[k] = displaced.map_or(filter, |d| filter + d.by);
-                packet.nm[k] = wavelengths.nm.to_array();
-                let place = sampler.get(Set::Camera);
-                drawn.push(Drawn { pixel: [x, y], sampler, wavelengths, t, place, filter, moved: shifts[k], displaced });
+                let sample = self.draw([x, y], self.sampler(x, y, sample));
+                shifts[k] = sample.moved;
+                packet.nm[k] = sample.wavelengths.nm.to_array();
+                drawn.push(sample);
             }
             let count = drawn.len();
             if count == 0 {
@@ -222,6 +217,17 @@ impl Unit<'_> {
             rays.extend(passed.filter_map(|k| self.ray_of_lane(k, &drawn[k], packet.film[k], shifts[k], &exits, foretells)));
             each(&rays);
         }
+    }
+
+    /// What is drawn for a sample of a pixel before it goes through a lens.
+    #[inline]
+    fn draw(&self, [x, y]: [usize; 2], sampler: Sampler) -> Drawn {
+        let [place, [w, t, spot @ ..]] = sampler.get_two([Set::Camera, Set::Time]);
+        let filter = self.camera.film.low_pass_shift(spot) - self.film_shift(x, y, t);
+        let wavelengths = self.wavelengths.sample(self.wavelength_number(w, &sampler));
+        let displaced = self.displaced(x, y, &sampler, &wavelengths);
+        let moved = displaced.map_or(filter, |d| filter + d.by);
+        Drawn { pixel: [x, y], sampler, wavelengths, t, place, filter, moved, displaced }
     }
 
     /// The ray of a lane of a packet that passed the lens; `None` where the shutter is not open to it. `started`: where it starts on the film, mm; `shift`: by which the point of its
@@ -318,17 +324,12 @@ impl Unit<'_> {
     /// The ray of one sample of a pixel through any lens, all wavelengths along that of the lens's reference; `None` where no light comes through.
     #[inline]
     pub(super) fn camera_ray(&self, column: usize, row: usize, sampler: &Sampler) -> Option<CameraRay> {
-        let [x, y, pu, pv] = sampler.get(Set::Camera);
-        let [w, t, spot @ ..] = sampler.get(Set::Time);
-        let filter = self.camera.film.low_pass_shift(spot) - self.film_shift(column, row, t);
-        let wavelengths = self.wavelengths.sample(self.wavelength_number(w, sampler));
-        let displaced = self.displaced(column, row, sampler, &wavelengths);
-        let shift = displaced.map_or(filter, |d| filter + d.by);
+        let Drawn { wavelengths, t, place, filter, moved, displaced, .. } = self.draw([column, row], *sampler);
         let mut arrived = DVec2::ZERO;
         let passes = |r: &LensRay| self.settings.half.is_none_or(|h| h.holds(r.origin_mm.x));
         let lens_ray = (0..=self.attempts()).find_map(|attempt| {
-            let (at, pupil) = self.place([x, y, pu, pv], sampler, attempt);
-            let film = self.camera.film_point(column as f64 + at[0], row as f64 + at[1]) - shift;
+            let (at, pupil) = self.place(place, sampler, attempt);
+            let film = self.camera.film_point(column as f64 + at[0], row as f64 + at[1]) - moved;
             let film = self.optics.map_or(film, |optics| optics.on_film(&self.camera.film, film));
             arrived = film + filter;
             let ray = match &self.behind {
@@ -477,7 +478,7 @@ impl Unit<'_> {
     }
 }
 
-/// What is drawn for a sample before it goes through a real lens.
+/// What is drawn for a sample before it goes through a lens.
 struct Drawn {
     /// Column and row.
     pixel: [usize; 2],

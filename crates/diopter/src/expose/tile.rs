@@ -85,7 +85,7 @@ impl Unit<'_> {
         [Some(0), self.direct].into_iter().flatten().filter_map(|from| Some((from, new()?))).collect()
     }
 
-    /// Light along some camera rays, which are on their way together; of lamps seen directly what the camera sample counts beside light that is traced
+    /// Light along some camera rays; of lamps seen directly what the camera sample counts beside light that is traced
     /// from them.
     fn light_along(&self, rays: &[CameraRay], light_paths: PassPaths) -> Vec<CameraLight> {
         let weight = |path: usize, number: u32, met: glam::Vec3| match (light_paths.lamps, &rays[path].drawn) {
@@ -107,7 +107,7 @@ impl Unit<'_> {
         let paths: Vec<CameraPath> = rays.iter().enumerate().map(begin).collect();
         let settings = &self.settings.path;
         if self.polarized {
-            return paths.iter().map(|path| self.polarized_light(path)).collect();
+            return self.polarized_light(&paths);
         }
         match self.direct {
             None => {
@@ -124,14 +124,20 @@ impl Unit<'_> {
         }
     }
 
-    /// Light along a camera path that is followed with its polarisation: behind the polariser, if there is one.
-    fn polarized_light(&self, path: &CameraPath) -> CameraLight {
-        let analysis = Analysis::of(self.camera, self.settings.polarizer.as_ref(), &path.cone.ray);
-        let stokes = self.scene.stokes(path, analysis.axis, &self.settings.path).map(|s| analysis.apply(s));
-        let radiance = glam::Vec4::from_array(stokes.map(|s| s.x));
-        let linear = (!self.analyzers.is_empty())
-            .then(|| [1, 2].map(|part: usize| stokes.map(|s| if s.x > 0.0 { s[part] / s.x } else { 0.0 })));
-        CameraLight { radiance, direct: None, linear }
+    /// Light along camera paths that are followed with their polarisation: behind the polariser, if there is one.
+    fn polarized_light(&self, paths: &[CameraPath]) -> Vec<CameraLight> {
+        let analysis = |path: &CameraPath| Analysis::of(self.camera, self.settings.polarizer.as_ref(), &path.cone.ray);
+        let analyses: Vec<Analysis> = paths.iter().map(analysis).collect();
+        let axes: Vec<glam::Vec3> = analyses.iter().map(|a| a.axis).collect();
+        let seen = self.scene.stokes_of(paths, &axes, &self.settings.path);
+        let light = |(analysis, stokes): (&Analysis, [diopter_light::polarization::Stokes; 4])| {
+            let stokes = stokes.map(|s| analysis.apply(s));
+            let radiance = glam::Vec4::from_array(stokes.map(|s| s.x));
+            let linear = (!self.analyzers.is_empty())
+                .then(|| [1, 2].map(|part: usize| stokes.map(|s| if s.x > 0.0 { s[part] / s.x } else { 0.0 })));
+            CameraLight { radiance, direct: None, linear }
+        };
+        analyses.iter().zip(seen).map(light).collect()
     }
 
     /// Adds a sample to the sums of the pixels where it lands.

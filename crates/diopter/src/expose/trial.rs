@@ -106,17 +106,20 @@ impl Exposure<'_> {
         let map = caustics.trial_map(PHOTONS);
         let film = [self.camera.film.columns, self.camera.film.rows];
         let block = |number: usize| {
-            let mut sums = [0.0f64; 2];
-            for k in 0..PHOTON_SIDE * PHOTON_SIDE {
+            let begin = |k: usize| {
                 let [column, row] = pixel_of_block(film, number, k, PHOTON_SIDE);
                 let (seed, pixel) = (self.settings.seed ^ SEED, (number as u32, k as u32));
                 let sampler = Sampler::new(SamplerKind::Independent, seed, pixel, 0, 1);
-                let Some(camera) = unit.camera_ray(column, row, &sampler) else { continue };
+                let camera = unit.camera_ray(column, row, &sampler)?;
                 let light_paths = LightPaths::of_photons(Some(&map));
-                let path = CameraPath { light_paths, ..CameraPath::new(camera.ray, camera.wavelengths, sampler) };
-                let both = self.scene.radiance_and_caustics(&path, &self.settings.path);
+                Some(CameraPath { light_paths, ..CameraPath::new(camera.ray, camera.wavelengths, sampler) })
+            };
+            let paths: Vec<CameraPath> = (0..PHOTON_SIDE * PHOTON_SIDE).filter_map(begin).collect();
+            let seen = self.scene.radiance_and_caustics_of(&paths, &self.settings.path);
+            let mut sums = [0.0f64; 2];
+            for (path, both) in paths.iter().zip(seen) {
                 for (sum, light) in sums.iter_mut().zip(both) {
-                    let light = f64::from((light * camera.wavelengths.weight).element_sum());
+                    let light = f64::from((light * path.wavelengths.weight).element_sum());
                     *sum += if light.is_finite() { light } else { 0.0 };
                 }
             }

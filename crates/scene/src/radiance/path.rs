@@ -1,4 +1,6 @@
-//! A path and its steps: find what its ray meets; take the segment through a medium; see what shines; connect what was met with lights; go on.
+//! A path and its steps: find what its ray meets (`find_hit`); take the segment through a medium, see what shines, choose a light, go on (`shade`); add what the
+//! light brings where nothing is on the way (`connect_to_light`, in `next_event.rs`). Each can be done for many paths before the next; taken one
+//! after the other, paths are faster (`docs/decisions/paths-as-states.md`).
 //!
 //! Between two steps all that is known of a path lies in [`Path`], so that any number of paths can be on their way at a time. What is known of the scene in there are numbers of
 //! materials; what a path was begun with is borrowed from whoever asked.
@@ -7,9 +9,10 @@ use super::cone::Cone;
 use super::joint::Vertex;
 use super::media::{After, ScatteredOn};
 use super::medium_segment::MediumSegment;
+use super::next_event::LightConnection;
 use super::prev_scatter::PrevScatter;
-use super::tally::{Scattered, Tally};
-use super::to_light::{MOST_FACES, ShadowRay, origin_behind};
+use super::tally::Tally;
+use super::to_light::{MOST_FACES, origin_behind};
 use super::weights::{mis, squared_ratio};
 use super::{CameraPath, PathSettings};
 use crate::light::LightRef;
@@ -33,22 +36,24 @@ pub(super) struct Transport<'a> {
 }
 
 /// A path between two steps.
-pub(super) struct Path<'a, T> {
+pub(super) struct Path<'a, T: Tally> {
     /// What it was begun with.
-    camera: &'a CameraPath<'a>,
+    pub camera: &'a CameraPath<'a>,
     /// Its light so far.
-    tally: T,
+    pub tally: T,
     /// Where it goes next.
-    ray: Ray,
+    pub ray: Ray,
     cone: Cone,
-    throughput: Sampled,
+    pub throughput: Sampled,
     /// Lanes that carry colours never disperse.
     hero_only: bool,
     /// Whether a flash is burning.
-    flash: bool,
+    pub flash: bool,
     /// Whether its ray is the camera's still, but for thin dielectrics and faces of media.
     is_straight: bool,
-    medium_stack: MediumStack,
+    pub medium_stack: MediumStack,
+    /// With a light that was chosen and may be hidden.
+    pub connection: Option<LightConnection<T::Vertex>>,
     last: Option<PrevScatter>,
     /// Where `last` is a vertex in a medium: the segment on which it lies.
     scattered_on: Option<ScatteredOn>,
@@ -57,7 +62,7 @@ pub(super) struct Path<'a, T> {
     picked: Option<Box<Picked>>,
     tail: Tail,
     /// Vertices so far.
-    vertex: u32,
+    pub vertex: u32,
     /// Of them those within bodies, which do not count as scattering events.
     walked: u32,
     segment_index: u32,
@@ -66,10 +71,10 @@ pub(super) struct Path<'a, T> {
     eta_scale: f32,
 }
 
-impl<T> Path<'_, T> {
+impl<T: Tally> Path<'_, T> {
     /// Scattering events so far.
     #[inline]
-    fn depth(&self) -> u32 {
+    pub fn depth(&self) -> u32 {
         self.vertex - self.walked
     }
 }
@@ -82,23 +87,23 @@ pub(super) enum Next {
 }
 
 /// A surface that scatters, as a path meets it.
-struct SurfaceVertex<'v, 'a> {
-    surface: &'v Surface,
-    material: &'a Material,
-    entering: bool,
+pub(super) struct SurfaceVertex<'v, 'a> {
+    pub surface: &'v Surface,
+    pub material: &'a Material,
+    pub entering: bool,
     /// Unit direction back along the path.
-    wo: Vec3,
+    pub wo: Vec3,
     /// The dielectric around the body.
-    around: Option<&'a Principled>,
-    bsdf: &'v Bsdf<'a>,
+    pub around: Option<&'a Principled>,
+    pub bsdf: &'v Bsdf<'a>,
     /// Normal on the side of `wo`.
-    ng: Vec3,
+    pub ng: Vec3,
 }
 
 impl SurfaceVertex<'_, '_> {
     /// Where a ray starts that leaves in a direction, and the bodies that it is in then.
     #[inline]
-    fn leave(&self, scene: &Scene, mut medium_stack: MediumStack, direction: Vec3) -> (Vec3, MediumStack) {
+    pub fn leave(&self, scene: &Scene, mut medium_stack: MediumStack, direction: Vec3) -> (Vec3, MediumStack) {
         let through = direction.dot(self.ng) < 0.0;
         let origin = self.surface.leave(if through { -self.ng } else { self.ng }, direction);
         if through {
@@ -126,6 +131,7 @@ impl<'a> Transport<'a> {
             flash: self.scene.flash_burns(camera.cone.ray.time_s),
             is_straight: true,
             medium_stack: MediumStack::default(),
+            connection: None,
             last: None,
             scattered_on: None,
             camera_state: CameraState::NONE,
@@ -143,53 +149,54 @@ impl<'a> Transport<'a> {
     #[inline]
     pub fn follow<T: Tally>(&self, camera: &'a CameraPath<'a>, tally: T) -> T {
         let mut path = self.begin(camera, tally);
-        while self.step(&mut path) == Next::GoesOn {}
-        path.tally
-    }
-
-    /// Follows many paths to their ends, all of them a step at a time.
-    pub fn follow_all<T: Tally + Default>(&self, cameras: &'a [CameraPath<'a>]) -> Vec<T> {
-        let mut paths: Vec<_> = cameras.iter().map(|camera| self.begin(camera, T::default())).collect();
-        let mut active: Vec<usize> = (0..paths.len()).collect();
-        while !active.is_empty() {
-            active.retain(|i| self.step(&mut paths[*i]) == Next::GoesOn);
+        loop {
+            let mut hit = self.find_hit(&path);
+            let next = self.shade(&mut path, hit.as_mut());
+            self.connect_to_light(&mut path);
+            if next == Next::Ended {
+                return path.tally;
+            }
         }
-        paths.into_iter().map(|path| path.tally).collect()
     }
 
-    /// One segment and the vertex at its end.
+    /// What the ray of a path meets first.
     #[inline]
-    fn step<T: Tally>(&self, path: &mut Path<'a, T>) -> Next {
-        let surface = self.scene.intersect(&path.ray, f32::INFINITY);
-        let reach = surface.as_ref().map_or(f32::INFINITY, |s| s.t);
+    fn find_hit<T: Tally>(&self, path: &Path<'a, T>) -> Option<Surface> {
+        self.scene.intersect(&path.ray, f32::INFINITY)
+    }
+
+    /// The segment up to what was met, and the vertex at its end: what shines, what is connected, where the path goes on.
+    #[inline]
+    fn shade<T: Tally>(&self, path: &mut Path<'a, T>, hit: Option<&mut Surface>) -> Next {
+        let reach = hit.as_ref().map_or(f32::INFINITY, |s| s.t);
         path.segment_index += 1;
         if let Some((medium, span)) = path.medium_stack.span(self.scene, &path.ray, reach)
             && let Some(next) = self.cross_medium(path, medium, span)
         {
             return next;
         }
-        let Some(mut surface) = surface else {
+        let Some(surface) = hit else {
             self.leave_scene(path);
             return Next::Ended;
         };
         path.cone.advance(surface.t);
-        path.cone.meet(self.scene, &mut surface, path.ray.direction);
+        path.cone.meet(self.scene, surface, path.ray.direction);
         let material = self.scene.material(surface.object);
         let entering = surface.ng.dot(path.ray.direction) < 0.0;
         let hidden = path.medium_stack.hides(self.scene, surface.object, entering);
         if hidden || matches!(material.scattering, Scattering::Interface) {
-            return self.cross_face(path, &surface, entering, hidden);
+            return self.cross_face(path, surface, entering, hidden);
         }
-        self.see_emission(path, material, &surface);
+        self.see_emission(path, material, surface);
         if path.depth() >= self.settings.max_depth {
             return Next::Ended;
         }
         let wo = -path.ray.direction;
         let around = path.medium_stack.around(self.scene, surface.object);
-        let Some(bsdf) = material.bsdf(&surface, wo, &path.camera.wavelengths, path.hero_only, around) else {
+        let Some(bsdf) = material.bsdf(surface, wo, &path.camera.wavelengths, path.hero_only, around) else {
             return Next::Ended;
         };
-        let here = SurfaceVertex { surface: &surface, material, entering, wo, around, bsdf: &bsdf, ng: bsdf.side_normal() };
+        let here = SurfaceVertex { surface, material, entering, wo, around, bsdf: &bsdf, ng: bsdf.side_normal() };
         self.scatter_light(path, &here)
     }
 
@@ -221,7 +228,7 @@ impl<'a> Transport<'a> {
     }
 
     /// The segment of a path through a medium, not one that begins where lights were sought.
-    fn segment<T>(&self, path: &Path<'a, T>, medium: &'a Medium, span: [f32; 2]) -> MediumSegment<'a> {
+    fn segment<T: Tally>(&self, path: &Path<'a, T>, medium: &'a Medium, span: [f32; 2]) -> MediumSegment<'a> {
         MediumSegment {
             scene: self.scene,
             medium,
@@ -280,7 +287,7 @@ impl<'a> Transport<'a> {
     }
 
     /// Goes through the face of a medium, or one that is not there.
-    fn cross_face<T>(&self, path: &mut Path<'a, T>, surface: &Surface, entering: bool, hidden: bool) -> Next {
+    fn cross_face<T: Tally>(&self, path: &mut Path<'a, T>, surface: &Surface, entering: bool, hidden: bool) -> Next {
         if path.segment_index - path.walked > MOST_FACES {
             return Next::Ended;
         }
@@ -341,9 +348,17 @@ impl<'a> Transport<'a> {
         if let Some((pool, camera_vertex)) = &camera_vertex {
             self.connect(path, camera_vertex, pool);
         }
-        self.sample_light(path, here, camera_vertex.as_ref());
-        let joint = self.sample_jointly(path, here);
-        self.go_on(path, here, camera_vertex.as_ref().map(|(_, vertex)| vertex), joint)
+        let [light_numbers, scatter_numbers] = path.camera.sampler.get_two([Set::Light(path.vertex), Set::Scatter(path.vertex)]);
+        self.choose_light(path, here, light_numbers, camera_vertex.as_ref());
+        let joint = match path.medium_stack.span(self.scene, &path.ray, here.surface.t) {
+            None => None,
+            Some((medium, span)) => {
+                // In the order in which light was always summed.
+                self.connect_to_light(path);
+                self.sample_jointly(path, here, medium, span)
+            }
+        };
+        self.go_on(path, here, scatter_numbers, camera_vertex.as_ref().map(|(_, vertex)| vertex), joint)
     }
 
     /// Light that comes over mirrors and through glass.
@@ -372,64 +387,15 @@ impl<'a> Transport<'a> {
         path.tally.add(light, depth + 2);
     }
 
-    /// Light of a lamp that is chosen, by next-event estimation.
+    /// Light of lamps that the medium before a surface scatters near them ([`super::joint`]); the medium, where it was sought.
     #[inline]
-    fn sample_light<T: Tally>(
+    fn sample_jointly<T: Tally>(
         &self,
         path: &mut Path<'a, T>,
         here: &SurfaceVertex<'_, 'a>,
-        camera_vertex: Option<&(&LightVertices, CameraVertex<'_, 'a>)>,
-    ) {
-        let (scene, wavelengths, sampler) = (self.scene, &path.camera.wavelengths, &path.camera.sampler);
-        let (surface, bsdf, time_s) = (here.surface, here.bsdf, path.ray.time_s);
-        let u = sampler.get(Set::Light(path.vertex));
-        if !bsdf.is_specular()
-            && let Some((light, probability)) = scene.lights().choose(surface.point, bsdf.light_normal(), u[2], path.flash)
-            && let Some(light_sample) = scene.sample_li(light, surface.point, [u[0], u[1]], time_s)
-        {
-            let (f, pdf) = bsdf.eval(light_sample.wi);
-            if f == Sampled::ZERO {
-                return;
-            }
-            let density = probability * light_sample.pdf;
-            let by_chance = if light_sample.has_extent { squared_ratio(pdf, density) } else { 0.0 };
-            let weight = 1.0 / (1.0 + by_chance);
-            let by_connection =
-                camera_vertex.map_or(0.0, |(pool, here)| here.beside_light_sample(pool, light, &light_sample, density));
-            let (origin, beyond) = here.leave(scene, path.medium_stack, light_sample.wi);
-            let contribution =
-                path.throughput * f * scene.incident_radiance(&light_sample, wavelengths, time_s) * (weight / density);
-            let thin_dielectrics = self.settings.max_depth - path.depth() - 1;
-            let vertex = path.vertex;
-            let stream = || sampler.stream(Set::Transmittance(vertex));
-            let mut passed = T::ThinDielectrics::default();
-            let shadow_ray = scene.shadow_ray(
-                &mut passed,
-                contribution,
-                surface.point,
-                origin,
-                &light_sample,
-                beyond,
-                wavelengths,
-                time_s,
-                thin_dielectrics,
-                stream,
-            );
-            let ShadowRay { light: transmitted, thin_dielectrics: crossed, .. } = shadow_ray;
-            let transmitted = match by_connection > 0.0 && shadow_ray.lets_light_paths_through(light_sample.distance) {
-                true => transmitted * ((1.0 + by_chance) / (1.0 + by_chance + by_connection)),
-                false => transmitted,
-            };
-            let scattered = Scattered { bsdf, wo: here.wo, wi: light_sample.wi, passed: &passed };
-            let events = path.depth() + 1 + crossed;
-            path.tally.add_scattered(transmitted, events, scattered, || scene.polarization(&light_sample));
-        }
-    }
-
-    /// Light of lamps that the medium before a surface scatters near them ([`super::joint`]); the medium, where it was sought.
-    #[inline]
-    fn sample_jointly<T: Tally>(&self, path: &mut Path<'a, T>, here: &SurfaceVertex<'_, 'a>) -> Option<MediumId> {
-        let (medium, span) = path.medium_stack.span(self.scene, &path.ray, here.surface.t)?;
+        medium: &'a Medium,
+        span: [f32; 2],
+    ) -> Option<MediumId> {
         if !medium.scatters_homogeneously() || here.bsdf.is_specular() || here.bsdf.is_fiber() {
             return None;
         }
@@ -438,9 +404,9 @@ impl<'a> Transport<'a> {
         let vertex = Vertex { segment: &segment, point: here.surface.point, depth: path.depth() };
         let tally = &mut path.tally;
         let add = |light: Sampled, events: u32, wi: Vec3| {
-            let passed = T::ThinDielectrics::default();
+            let vertex = tally.vertex(here.bsdf, here.wo, wi);
             // The medium depolarises it.
-            tally.add_scattered(light, events, Scattered { bsdf: here.bsdf, wo: here.wo, wi, passed: &passed }, || None);
+            tally.add_scattered(light, events, &vertex, &T::ThinDielectrics::default(), || None);
         };
         let sought = vertex.joint(path.throughput, |direction| here.bsdf.eval(direction), leave, add);
         sought.then(|| medium_stack.medium(self.scene))
@@ -452,11 +418,11 @@ impl<'a> Transport<'a> {
         &self,
         path: &mut Path<'a, T>,
         here: &SurfaceVertex<'_, 'a>,
+        u: [f32; 4],
         camera_vertex: Option<&CameraVertex<'_, 'a>>,
         joint: Option<MediumId>,
     ) -> Next {
         let (surface, bsdf) = (here.surface, here.bsdf);
-        let u = path.camera.sampler.get(Set::Scatter(path.vertex));
         let Some(scatter) = bsdf.sample(u) else { return Next::Ended };
         path.throughput *= scatter.weight;
         path.tally.scatter(bsdf, here.wo, scatter.wi, scatter.specular);
@@ -525,3 +491,56 @@ const LONGEST_WALK: u32 = 8192;
 /// Scattering events before Russian roulette starts where each vertex is connected with light paths: what comes later brings less, and costs more (rooms lit by the
 /// sun: 0.7 of the time of 5, 1.19 of the squared error).
 const CONNECTED_ROULETTE_DEPTH: u32 = 2;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::builtin;
+    use diopter_light::random::{Sampler, SamplerKind};
+    use diopter_light::wavelength::WavelengthSampler;
+
+    impl<'a> Transport<'a> {
+        /// Follows many paths to their ends, all of them a step at a time: what all rays meet; what is there; what comes from lights.
+        fn follow_together<T: Tally>(&self, cameras: &'a [CameraPath<'a>], tally: impl Fn() -> T) -> Vec<T> {
+            let mut paths: Vec<_> = cameras.iter().map(|camera| self.begin(camera, tally())).collect();
+            let mut active: Vec<usize> = (0..paths.len()).collect();
+            let mut next = vec![Next::GoesOn; paths.len()];
+            let mut hits: Vec<Option<Surface>> = vec![None; paths.len()];
+            while !active.is_empty() {
+                for i in &active {
+                    hits[*i] = self.find_hit(&paths[*i]);
+                }
+                for i in &active {
+                    next[*i] = self.shade(&mut paths[*i], hits[*i].as_mut());
+                }
+                for i in &active {
+                    self.connect_to_light(&mut paths[*i]);
+                }
+                active.retain(|i| next[*i] == Next::GoesOn);
+            }
+            paths.into_iter().map(|path| path.tally).collect()
+        }
+    }
+
+    #[test]
+    fn paths_on_their_way_together_are_what_each_is_alone() {
+        for name in ["cornell", "still-life", "night"] {
+            let scene = Scene::build(builtin::named(name).unwrap()).unwrap();
+            let settings = PathSettings::default();
+            let transport = Transport { scene: &scene, settings: &settings };
+            let wavelengths = WavelengthSampler::uniform();
+            let cameras: Vec<CameraPath> = (0..64)
+                .map(|i| {
+                    let sampler = Sampler::new(SamplerKind::Sobol, 5, (i % 8, i / 8), 0, 1);
+                    let [u, v, ..] = sampler.get(Set::Camera);
+                    let direction = Vec3::new(u - 0.5, v - 0.5, -1.0).normalize();
+                    let ray = Ray { origin: Vec3::new(0.0, 1.0, 2.0), direction, time_s: 0.0 };
+                    CameraPath::new(ray, wavelengths.sample(sampler.get(Set::Time)[0]), sampler)
+                })
+                .collect();
+            let alone: Vec<Sampled> = cameras.iter().map(|camera| transport.follow(camera, Sampled::ZERO)).collect();
+            assert!(alone.iter().any(|light| *light != Sampled::ZERO), "{name}");
+            assert_eq!(transport.follow_together(&cameras, || Sampled::ZERO), alone, "{name}");
+        }
+    }
+}

@@ -25,22 +25,15 @@ impl ThinDielectrics for () {
     fn cross(&mut self, _: &Bsdf, _: Vec3) {}
 }
 
-/// Light that a path has scattered once more, on its last segment.
-pub(super) struct Scattered<'a, 'm, S> {
-    /// Where it was scattered.
-    pub bsdf: &'a Bsdf<'m>,
-    /// In which direction it left, towards the camera.
-    pub wo: Vec3,
-    /// The direction from which it came.
-    pub wi: Vec3,
-    /// What it came through.
-    pub passed: &'a S,
-}
-
 /// Sums of the light of a path.
 pub(super) trait Tally {
     /// What is known of thin dielectrics before a lamp.
     type ThinDielectrics: ThinDielectrics;
+    /// What is known of a vertex that scatters light into the path.
+    type Vertex;
+
+    /// A vertex that light leaves along `wo`, towards the camera, and to which it comes from `wi`; before the path goes on from there.
+    fn vertex(&self, bsdf: &Bsdf, wo: Vec3, wi: Vec3) -> Self::Vertex;
 
     /// Adds unpolarised light that arrives along the ray and was scattered so many times between lamp and camera.
     fn add(&mut self, light: Sampled, events: u32);
@@ -60,13 +53,14 @@ pub(super) trait Tally {
         self.add(light, events);
     }
 
-    /// The same of light that arrives where the ray ends, from elsewhere, and is scattered into it there.
+    /// The same of light that is scattered into the path at a vertex, and came there through thin dielectrics.
     #[inline]
     fn add_scattered(
         &mut self,
         light: Sampled,
         events: u32,
-        _: Scattered<Self::ThinDielectrics>,
+        _: &Self::Vertex,
+        _: &Self::ThinDielectrics,
         _: impl FnOnce() -> Option<LinearlyPolarized>,
     ) {
         self.add(light, events);
@@ -83,6 +77,10 @@ pub(super) trait Tally {
 
 impl Tally for Sampled {
     type ThinDielectrics = ();
+    type Vertex = ();
+
+    #[inline]
+    fn vertex(&self, _: &Bsdf, _: Vec3, _: Vec3) {}
 
     #[inline]
     fn add(&mut self, light: Sampled, _: u32) {
@@ -104,6 +102,10 @@ pub(super) struct Apart {
 
 impl Tally for Apart {
     type ThinDielectrics = ();
+    type Vertex = ();
+
+    #[inline]
+    fn vertex(&self, _: &Bsdf, _: Vec3, _: Vec3) {}
 
     #[inline]
     fn add(&mut self, light: Sampled, events: u32) {
@@ -133,6 +135,10 @@ pub(super) struct Gathered {
 
 impl Tally for Gathered {
     type ThinDielectrics = ();
+    type Vertex = ();
+
+    #[inline]
+    fn vertex(&self, _: &Bsdf, _: Vec3, _: Vec3) {}
 
     #[inline]
     fn add(&mut self, light: Sampled, _: u32) {
@@ -167,11 +173,6 @@ impl Polarized {
         Polarized { stokes: [Vec4::ZERO; 4], matrices: [Mat4::IDENTITY; 4], axis }
     }
 
-    fn behind(&self, event: &Event, wo: Vec3) -> [Mueller; 4] {
-        let turn = a_from_b(self.axis, event.outgoing, wo);
-        std::array::from_fn(|lane| self.matrices[lane] * turn * event.matrices[lane])
-    }
-
     fn sum(&mut self, light: Sampled, matrices: &[Mueller; 4], axis: Vec3, k: Vec3, source: Option<LinearlyPolarized>) {
         let arriving = match source {
             None => Vec4::X,
@@ -183,8 +184,29 @@ impl Polarized {
     }
 }
 
+/// `matrices`, whose frame has the x axis `axis`, behind an event from which light leaves along `wo`.
+fn behind(matrices: &[Mueller; 4], axis: Vec3, event: &Event, wo: Vec3) -> [Mueller; 4] {
+    let turn = a_from_b(axis, event.outgoing, wo);
+    std::array::from_fn(|lane| matrices[lane] * turn * event.matrices[lane])
+}
+
+/// A vertex of a polarised path.
+pub(super) struct PolarizedVertex {
+    event: Event,
+    wo: Vec3,
+    wi: Vec3,
+    /// Those of the path before it.
+    matrices: [Mueller; 4],
+    axis: Vec3,
+}
+
 impl Tally for Polarized {
     type ThinDielectrics = Passed;
+    type Vertex = PolarizedVertex;
+
+    fn vertex(&self, bsdf: &Bsdf, wo: Vec3, wi: Vec3) -> PolarizedVertex {
+        PolarizedVertex { event: bsdf.polarization(wi, false), wo, wi, matrices: self.matrices, axis: self.axis }
+    }
 
     fn add(&mut self, light: Sampled, _: u32) {
         let matrices = self.matrices;
@@ -210,20 +232,20 @@ impl Tally for Polarized {
         &mut self,
         light: Sampled,
         _: u32,
-        Scattered { bsdf, wo, wi, passed }: Scattered<Passed>,
+        vertex: &PolarizedVertex,
+        passed: &Passed,
         source: impl FnOnce() -> Option<LinearlyPolarized>,
     ) {
-        let mut event = bsdf.polarization(wi, false);
-        if let Passed(Some(mueller)) = passed {
-            event = event.then(mueller, -wi);
-        }
-        let matrices = self.behind(&event, wo);
-        self.sum(light, &matrices, event.incoming, -wi, source());
+        let PolarizedVertex { event, wo, wi, matrices, axis } = vertex;
+        let together = passed.0.as_ref().map(|thin_dielectrics| event.then(thin_dielectrics, -*wi));
+        let event = together.as_ref().unwrap_or(event);
+        let matrices = behind(matrices, *axis, event, *wo);
+        self.sum(light, &matrices, event.incoming, -*wi, source());
     }
 
     fn scatter(&mut self, bsdf: &Bsdf, wo: Vec3, wi: Vec3, specular: bool) {
         let event = bsdf.polarization(wi, specular);
-        self.matrices = self.behind(&event, wo);
+        self.matrices = behind(&self.matrices, self.axis, &event, wo);
         self.axis = event.incoming;
     }
 

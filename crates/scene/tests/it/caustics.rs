@@ -247,7 +247,7 @@ fn a_mirrored_beam_is_seen_in_fog() {
                 let sampler = Sampler::new(SamplerKind::Sobol, 3, (7, 1), i, n);
                 let light_paths = LightPaths::of_photons(Some(&map));
                 let along = CameraPath { light_paths, ..CameraPath::new(ray, wavelengths, sampler) };
-                let [_, gathered] = scene.radiance_and_caustics(&along, &path);
+                let [_, gathered] = scene.radiance_and_caustics_of(&[along], &path)[0];
                 sum += f64::from(gathered.element_sum()) / 4.0;
             }
         }

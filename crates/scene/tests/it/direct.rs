@@ -88,7 +88,7 @@ fn direct_light_is_that_of_one_scattering_event_bit_by_bit() {
             let direction = Vec3::new(-0.6 + 1.2 * a, -0.5 + 1.0 * b, -1.0).normalize();
             let ray = Ray { origin: Vec3::new(0.0, 0.2, 2.0), direction, time_s: 0.0 };
             let along = CameraPath { light_paths, ..CameraPath::new(ray, wavelengths, sampler) };
-            let [all, direct] = scene.radiance_and_direct(&along, &path);
+            let [all, direct] = scene.radiance_and_direct_of(&[along], &path)[0];
             assert_eq!(all, scene.radiance_along(&along, &path), "{name} {i}");
             // Photons are left out: those that gather would be found with one event, too, and have been scattered before.
             let shallow = LightPaths { photons: None, ..light_paths };
@@ -106,7 +106,7 @@ fn direct_light_is_that_of_one_scattering_event_bit_by_bit() {
             CameraPath { light_paths, ..CameraPath::new(ray, drawn.sample(w), sampler) }
         };
         let paths: Vec<CameraPath> = (0..64).map(along).collect();
-        let alone: Vec<[Sampled; 2]> = paths.iter().map(|along| scene.radiance_and_direct(along, &path)).collect();
+        let alone: Vec<[Sampled; 2]> = paths.iter().map(|along| scene.radiance_and_direct_of(&[*along], &path)[0]).collect();
         assert_eq!(scene.radiance_and_direct_of(&paths, &path), alone, "{name}");
         let all: Vec<Sampled> = alone.iter().map(|[all, _]| *all).collect();
         assert_eq!(scene.radiance_of(&paths, &path), all, "{name}");

@@ -881,7 +881,7 @@ fn a_white_body_in_even_light_stays_unpolarised() {
             let n = 8192;
             let light = |k: u32| {
                 let sampler = Sampler::new(SamplerKind::Sobol, 3, (0, 0), k, n);
-                scene.stokes(&CameraPath::new(ray, Wavelengths::rgb(), sampler), Vec3::X, &deep)[1]
+                scene.stokes_of(&[CameraPath::new(ray, Wavelengths::rgb(), sampler)], &[Vec3::X], &deep)[0][1]
             };
             let sum: Vec4 = (0..n).map(light).sum();
             // Light that a coat holds back over metal counts as unpolarised; of facets that are wider one way than the other what comes through is told by even ones.

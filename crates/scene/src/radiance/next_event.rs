@@ -1,0 +1,111 @@
+//! Next-event estimation: light of one lamp, chosen where a path was scattered. Which light, and what it would bring, is one step; what is on the way of its shadow ray, the next.
+
+use super::path::{Path, SurfaceVertex, Transport};
+use super::tally::Tally;
+use super::to_light::ShadowRay;
+use super::weights::squared_ratio;
+use crate::light::LightSample;
+use crate::light_paths::LightVertices;
+use crate::light_paths::connect::CameraVertex;
+use crate::medium_stack::MediumStack;
+use diopter_light::Sampled;
+use diopter_light::random::Set;
+use glam::Vec3;
+
+/// A light that was chosen for a vertex of a path. `V`: what a [`Tally`] keeps of the vertex.
+pub(super) struct LightConnection<V> {
+    light_sample: LightSample,
+    /// What comes into the path where nothing is on the way: radiance, with the weights of multiple importance sampling against chance alone.
+    contribution: Sampled,
+    /// Where the vertex is, where the shadow ray starts, and the bodies that it starts in.
+    point: Vec3,
+    origin: Vec3,
+    medium_stack: MediumStack,
+    /// Squared ratios of the densities of what else finds this light, to that of the choice: the scattered ray, and light paths.
+    by_chance: f32,
+    by_connection: f32,
+    /// Of the path at the vertex.
+    vertex: u32,
+    depth: u32,
+    tallied: V,
+}
+
+impl<'a> Transport<'a> {
+    /// Chooses a light for a vertex of a path by numbers from 0 to 1, and a place on it; none where it brings nothing even if nothing is on the way.
+    #[inline]
+    pub fn choose_light<T: Tally>(
+        &self,
+        path: &mut Path<'a, T>,
+        here: &SurfaceVertex<'_, 'a>,
+        u: [f32; 4],
+        camera_vertex: Option<&(&LightVertices, CameraVertex<'_, 'a>)>,
+    ) {
+        let (surface, bsdf, time_s) = (here.surface, here.bsdf, path.ray.time_s);
+        if bsdf.is_specular() {
+            return;
+        }
+        if let Some((light, probability)) = self.scene.lights().choose(surface.point, bsdf.light_normal(), u[2], path.flash)
+            && let Some(light_sample) = self.scene.sample_li(light, surface.point, [u[0], u[1]], time_s)
+        {
+            let (f, pdf) = bsdf.eval(light_sample.wi);
+            if f == Sampled::ZERO {
+                return;
+            }
+            let density = probability * light_sample.pdf;
+            let by_chance = if light_sample.has_extent { squared_ratio(pdf, density) } else { 0.0 };
+            let weight = 1.0 / (1.0 + by_chance);
+            let by_connection =
+                camera_vertex.map_or(0.0, |(pool, here)| here.beside_light_sample(pool, light, &light_sample, density));
+            let incident = self.scene.incident_radiance(&light_sample, &path.camera.wavelengths, time_s);
+            let contribution = path.throughput * f * incident * (weight / density);
+            if contribution == Sampled::ZERO {
+                return;
+            }
+            let (origin, medium_stack) = here.leave(self.scene, path.medium_stack, light_sample.wi);
+            let tallied = path.tally.vertex(bsdf, here.wo, light_sample.wi);
+            let (point, vertex, depth) = (surface.point, path.vertex, path.depth());
+            path.connection = Some(LightConnection {
+                light_sample,
+                contribution,
+                point,
+                origin,
+                medium_stack,
+                by_chance,
+                by_connection,
+                vertex,
+                depth,
+                tallied,
+            });
+        }
+    }
+
+    /// Adds what the light brings that was chosen for a vertex of a path, less what is on the way.
+    #[inline]
+    pub fn connect_to_light<T: Tally>(&self, path: &mut Path<'a, T>) {
+        let Some(connection) = &path.connection else { return };
+        let &LightConnection { ref light_sample, contribution, by_chance, by_connection, depth, .. } = connection;
+        let camera = path.camera;
+        let stream = || camera.sampler.stream(Set::Transmittance(connection.vertex));
+        let mut passed = T::ThinDielectrics::default();
+        let shadow_ray = self.scene.shadow_ray(
+            &mut passed,
+            contribution,
+            connection.point,
+            connection.origin,
+            light_sample,
+            connection.medium_stack,
+            &camera.wavelengths,
+            path.ray.time_s,
+            self.settings.max_depth - depth - 1,
+            stream,
+        );
+        let ShadowRay { light: transmitted, thin_dielectrics: crossed, .. } = shadow_ray;
+        let transmitted = match by_connection > 0.0 && shadow_ray.lets_light_paths_through(light_sample.distance) {
+            true => transmitted * ((1.0 + by_chance) / (1.0 + by_chance + by_connection)),
+            false => transmitted,
+        };
+        let events = depth + 1 + crossed;
+        path.tally.add_scattered(transmitted, events, &connection.tallied, &passed, || self.scene.polarization(light_sample));
+        path.connection = None;
+    }
+}
