@@ -4,7 +4,7 @@ use super::file::ShotFile;
 use super::sections::FocusSection;
 use super::{DEFAULT_BODY, DEFAULT_SCENE, DEFAULT_SEED, Shot, metres_of};
 use crate::program::Mode;
-use crate::quantity::{Distance, FNumber, FocusTo, LengthMm, Seconds, Size};
+use crate::quantity::{Distance, Ev, FNumber, FocusTo, LengthMm, Seconds, Size};
 use diopter_lens::{Focus, Lens, Projection};
 use diopter_scene::builtin;
 use diopter_scene::studio::Studio;
@@ -52,6 +52,9 @@ impl Shot {
         } else if let Some(view) = first.filter(|_| !placed) {
             c.viewpoint.get_or_insert_with(|| if view.name.is_empty() { "0".into() } else { view.name.clone() });
         }
+        if c.look_at.is_some() {
+            c.up.get_or_insert([0.0, 1.0, 0.0]);
+        }
         // Ideal lenses; real ones are named by the shot or belong to the scene.
         let ideal = match &self.camera.lens {
             Lens::Thin(lens) => {
@@ -79,6 +82,7 @@ impl Shot {
             file.shutter.kind.get_or_insert_with(|| facts.kind.clone());
         }
         let e = &mut file.exposure;
+        e.compensation.get_or_insert(Ev(self.exposing.compensation_ev));
         e.metering.get_or_insert_with(|| self.exposing.pattern.name().into());
         e.white.get_or_insert_with(|| self.reading.white.clone());
         e.temperature_c.get_or_insert(self.sensor.temperature_c);
@@ -91,9 +95,9 @@ impl Shot {
         r.sampler.get_or_insert_with(|| "sobol".into());
         r.max_depth.get_or_insert(self.settings.path.max_depth);
         r.integrator.get_or_insert_with(|| self.settings.integrator.name().into());
-        if r.stray.is_none() && self.settings.stray.is_added() {
-            r.stray = Some(self.settings.stray.name());
-        }
+        r.stray.get_or_insert_with(|| self.settings.stray.name());
+        r.diffraction.get_or_insert(self.diffraction);
+        r.fireflies.get_or_insert(self.fireflies);
         r.denoise.get_or_insert(self.denoise);
     }
 }
