@@ -1,6 +1,6 @@
 //! Exposures that can be stopped, killed and gone on with: checkpoints beside the output.
 
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::{Checkpoint, Taking};
 use crate::output::{self, Output};
 use crate::parts;
@@ -156,7 +156,7 @@ impl Kept {
             let wrong = anyhow!(
                 "--resume beside --checkpoint off: expected one of the two, as without checkpoints there is nothing to go on from"
             );
-            return Err(AskedWrongly(wrong).into());
+            return Err(UsageError(wrong).into());
         }
         // Beside a pipe or a device there is nowhere to keep anything.
         let wanted = taking.checkpoint != Some(Checkpoint::Off) && !shot.lens_cap;
@@ -233,7 +233,7 @@ fn resumed<S: RowStore>(
         Err(e) if e.kind() == ErrorKind::NotFound => {
             let missing =
                 anyhow!("--resume: expected the checkpoint {}; without --resume the exposure begins anew", path.display());
-            return Err(AskedWrongly(missing).into());
+            return Err(UsageError(missing).into());
         }
         Err(e) => return Err(e).with_context(|| path.display().to_string()),
     };
@@ -249,10 +249,10 @@ fn resumed<S: RowStore>(
         }
         // Hours of another exposure may lie in it, or what is not ours at all.
         Err(e @ (CheckpointError::Foreign | CheckpointError::Unknown)) if !must => {
-            let hint = "give another -o, move it away, or --no-resume to begin anew and replace it";
-            Err(AskedWrongly(anyhow!("{}: {e}; {hint}", path.display())).into())
+            let hint = "give another -o, move it away, or --no-resume to start again and overwrite it";
+            Err(UsageError(anyhow!("{}: {e}; {hint}", path.display())).into())
         }
-        Err(e) if must => Err(AskedWrongly(anyhow!("{}: {e}; without --resume the exposure begins anew", path.display())).into()),
+        Err(e) if must => Err(UsageError(anyhow!("{}: {e}; without --resume the exposure begins anew", path.display())).into()),
         Err(e) => {
             warn(&format!("{}: {e}; the exposure begins anew", path.display()));
             Ok(None)

@@ -1,6 +1,6 @@
 //! Contact sheets as files: pictures side by side with captions, on one picture (PNG, JPEG), one self-contained HTML page or paper (PDF).
 
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::document::{Block, Document};
 use crate::html::escaped;
 use crate::output::{JPEG_QUALITY, Output};
@@ -79,7 +79,7 @@ pub fn prepare(paths: &[PathBuf]) -> anyhow::Result<Vec<(Kind, Output)>> {
             Some("pdf") => Kind::Pdf,
             _ => {
                 let wrong = anyhow!("{}: expected a name that ends in .png, .jpg, .html or .pdf", path.display());
-                return Err(AskedWrongly(wrong).into());
+                return Err(UsageError(wrong).into());
             }
         };
         Ok((kind, Output::prepare(path)?))
@@ -166,7 +166,7 @@ impl ContactSheet {
             let wrong = anyhow!(
                 "sheet {width}x{height}: expected at most {MOST_PIXELS} pixels; a smaller --sheet-cell (cell) makes it so"
             );
-            return Err(AskedWrongly(wrong).into());
+            return Err(UsageError(wrong).into());
         }
         let mut page = Page::new(width, height)?;
         if !self.title.is_empty() {

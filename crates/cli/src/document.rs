@@ -2,7 +2,7 @@
 //!
 //! A document is a list of blocks, one below the other. Both ways of writing it show the same blocks with the same words.
 
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::html::escaped;
 use crate::output::Output;
 use crate::pdf::{A4, Ink, Paper, Type};
@@ -90,7 +90,7 @@ pub fn kind(path: &Path) -> Option<Kind> {
 /// The file that a document goes to, proved writable.
 pub fn prepare(path: &Path) -> anyhow::Result<(Kind, Output)> {
     let Some(kind) = kind(path) else {
-        return Err(AskedWrongly(anyhow!("{}: expected a name that ends in .html or .pdf", path.display())).into());
+        return Err(UsageError(anyhow!("{}: expected a name that ends in .html or .pdf", path.display())).into());
     };
     Ok((kind, Output::prepare(path)?))
 }

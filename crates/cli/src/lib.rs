@@ -2,7 +2,7 @@
 //!
 //! Thin: reads arguments (`args`), runs one verb (`commands`), writes files beside and renames them (`output`).
 //! `help` lays the arguments out. Results go to standard output, progress and messages to standard error; with `--json` errors
-//! are on standard output, too. Exit codes: 0 done, 1 failed (or stopped by a signal, with what was done written), 2 asked wrongly,
+//! are on standard output, too. Exit codes: 0 done, 1 failed (or stopped by a signal, with what was done written), 2 usage error,
 //! 130 ended at once by a signal.
 //!
 //! Not here: anything that a photograph depends on; that is in `diopter`, for programs and for Python alike.
@@ -30,16 +30,16 @@ use std::ffi::OsString;
 
 /// A failure whose cause is the request itself: exit code 2.
 #[derive(Debug)]
-struct AskedWrongly(anyhow::Error);
+struct UsageError(anyhow::Error);
 
-impl std::fmt::Display for AskedWrongly {
+impl std::fmt::Display for UsageError {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         // With all that is known of the cause.
         write!(f, "{:#}", self.0)
     }
 }
 
-impl std::error::Error for AskedWrongly {}
+impl std::error::Error for UsageError {}
 
 /// Runs one command; `typed` is the whole command line with the name of the program first. Answers with the exit code: see the top of this page.
 ///
@@ -65,7 +65,7 @@ pub fn run(typed: impl IntoIterator<Item = OsString>) -> u8 {
         Err(e) if e.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe) => 0,
         Err(e) => {
             watch::say(&format!("diopter: {e:#}"));
-            let request = e.is::<AskedWrongly>() || e.downcast_ref::<ShotError>().is_some_and(ShotError::is_request);
+            let request = e.is::<UsageError>() || e.downcast_ref::<ShotError>().is_some_and(ShotError::is_request);
             let code = if request { 2 } else { 1 };
             if json {
                 print_error(&error_json(&e, code));
@@ -122,7 +122,7 @@ fn run_verb(args: Args) -> anyhow::Result<()> {
     if let Some(threads) = args.threads {
         if threads.get() > MOST_THREADS {
             let wrong = anyhow::anyhow!("--threads {threads}: expected 1 to {MOST_THREADS}");
-            return Err(AskedWrongly(wrong).into());
+            return Err(UsageError(wrong).into());
         }
         rayon::ThreadPoolBuilder::new().num_threads(threads.get()).build_global()?;
     }
@@ -170,18 +170,13 @@ mod tests {
             (anyhow::Error::from(ShotError::from(lens)), "aperture", Some("f/-1"), "a number above 0"),
             (ShotError::from(scene).into(), "a.obj: line 5", Some("\"f 1\""), "corners"),
             (
-                AskedWrongly(anyhow::anyhow!("wavelength 200 nm: expected 300 to 2500")).into(),
+                UsageError(anyhow::anyhow!("wavelength 200 nm: expected 300 to 2500")).into(),
                 "wavelength",
                 Some("200 nm"),
                 "300 to 2500",
             ),
-            (AskedWrongly(anyhow::anyhow!("my photo.xyz: expected a name")).into(), "my photo.xyz", None, "a name"),
-            (
-                AskedWrongly(anyhow::anyhow!("a: this is a folder; expected a file")).into(),
-                "a",
-                Some("this is a folder"),
-                "a file",
-            ),
+            (UsageError(anyhow::anyhow!("my photo.xyz: expected a name")).into(), "my photo.xyz", None, "a name"),
+            (UsageError(anyhow::anyhow!("a: this is a folder; expected a file")).into(), "a", Some("this is a folder"), "a file"),
         ] {
             let e = json(e);
             assert_eq!(
@@ -190,7 +185,7 @@ mod tests {
                 "{e}"
             );
         }
-        let near = json(AskedWrongly(anyhow::anyhow!("lens \"planr\": expected a lens (did you mean \"planar\"?)")).into());
+        let near = json(UsageError(anyhow::anyhow!("lens \"planr\": expected a lens (did you mean \"planar\"?)")).into());
         assert_eq!(near["hint"], "did you mean \"planar\"?");
         let other = json(anyhow::anyhow!("the exposure was stopped"));
         assert!(other["expected"].is_null() && other["hint"].is_null() && other["message"] == "the exposure was stopped");

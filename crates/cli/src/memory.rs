@@ -1,9 +1,9 @@
 //! Pictures that memory cannot hold are refused before the work begins.
 
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::watch::warn;
 use anyhow::anyhow;
-use diopter::shot::{FireflyChoice, Kept, Shot};
+use diopter::shot::{ExposureUse, FireflyChoice, Shot};
 
 /// Where a focal plane has room while it is exposed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,15 +17,15 @@ pub enum Room {
 /// Finds room for a focal plane: in memory if it fits into what is `allowed` (without it, in what is free). Refuses what has no room anywhere.
 /// Fireflies are kept where the memory to re-weight them is not there.
 pub fn room(shot: &mut Shot, allowed: Option<Bytes>) -> anyhow::Result<Room> {
-    settle_fireflies(shot, Kept::Plane, allowed);
+    settle_fireflies(shot, ExposureUse::Plane, allowed);
     if let Some(available) = available(allowed)
-        && shot.bytes_needed(Kept::Plane) > available
+        && shot.bytes_needed(ExposureUse::Plane) > available
         && shot.can_expose_rows()
-        && shot.bytes_needed(Kept::Strips) <= available
+        && shot.bytes_needed(ExposureUse::Strips) <= available
     {
         return Ok(Room::Disk(shot.cache_within(available)));
     }
-    check(shot, Kept::Plane, allowed)?;
+    check(shot, ExposureUse::Plane, allowed)?;
     Ok(Room::Memory)
 }
 
@@ -35,15 +35,15 @@ fn available(allowed: Option<Bytes>) -> Option<u64> {
 
 /// Keeps fireflies, and says so, where only without re-weighting them there is memory enough; then gathers the stars of lamps like all light, with their
 /// noise.
-pub fn settle_fireflies(shot: &mut Shot, kept: Kept, allowed: Option<Bytes>) {
+pub fn settle_fireflies(shot: &mut Shot, kept: ExposureUse, allowed: Option<Bytes>) {
     let Some(available) = available(allowed) else { return };
     let needed = shot.bytes_needed(kept);
     if needed <= available {
         return;
     }
-    let (reweighted, starred) = (shot.reweights(), shot.makes_stars());
+    let (reweighted, starred) = (shot.reweights(), shot.separates_starbursts());
     shot.fireflies = FireflyChoice::Keep;
-    shot.stars = shot.bytes_needed(kept) <= available;
+    shot.starbursts = shot.bytes_needed(kept) <= available;
     if shot.bytes_needed(kept) > available {
         return;
     }
@@ -51,15 +51,15 @@ pub fn settle_fireflies(shot: &mut Shot, kept: Kept, allowed: Option<Bytes>) {
     if reweighted {
         warn(&format!("fireflies are kept: re-weighting them takes {needed} of memory, and {available} can be had"));
     }
-    if starred && !shot.stars {
+    if starred && !shot.starbursts {
         warn(&format!(
-            "stars of lamps are noisy: without that noise the picture takes {needed} of memory, and {available} can be had"
+            "starbursts of lamps are noisy: without that noise the picture takes {needed} of memory, and {available} can be had"
         ));
     }
 }
 
 /// Refuses a shot that takes more memory than `allowed`, or, without it, than is free.
-pub fn check(shot: &Shot, kept: Kept, allowed: Option<Bytes>) -> anyhow::Result<()> {
+pub fn check(shot: &Shot, kept: ExposureUse, allowed: Option<Bytes>) -> anyhow::Result<()> {
     let Some(available) = available(allowed) else { return Ok(()) };
     let needed = shot.bytes_needed(kept);
     if needed <= available {
@@ -74,7 +74,7 @@ pub fn check(shot: &Shot, kept: Kept, allowed: Option<Bytes>) -> anyhow::Result<
         Some([width, height]) => format!("at most --size {width}x{height}"),
         None => "more memory".into(),
     };
-    Err(AskedWrongly(anyhow!(
+    Err(UsageError(anyhow!(
         "size {}x{} in {} bands: the exposure takes {}, {limit}: expected {fits}",
         film.columns,
         film.rows,

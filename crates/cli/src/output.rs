@@ -1,6 +1,6 @@
 //! Files to write: proved writable before the work, written beside, renamed when whole. Pipes and devices are written when all is known.
 
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::parts::{cut, forget_part, machine, note_part, part_name, remove_orphans};
 use crate::watch::warn;
 use anyhow::{Context, anyhow};
@@ -69,7 +69,7 @@ pub fn kind(path: &Path) -> anyhow::Result<Kind> {
         Some("dng") => Ok(Kind::Dng),
         // `-o /dev/stdout`: what cameras write by default.
         None if is_stream(path) => Ok(Kind::Jpeg),
-        _ => Err(AskedWrongly(anyhow!("{}: expected a name that ends in .jpg, .png, .tif, .exr or .dng", path.display())).into()),
+        _ => Err(UsageError(anyhow!("{}: expected a name that ends in .jpg, .png, .tif, .exr or .dng", path.display())).into()),
     }
 }
 
@@ -78,10 +78,10 @@ impl Output {
     /// yet. A named pipe waits for its reader here.
     pub fn prepare(path: &Path) -> anyhow::Result<Self> {
         let place = || format!("{}: cannot be written", path.display());
-        let name = path.file_name().ok_or_else(|| AskedWrongly(anyhow!("{}: expected the name of a file", path.display())))?;
+        let name = path.file_name().ok_or_else(|| UsageError(anyhow!("{}: expected the name of a file", path.display())))?;
         let told = std::fs::metadata(path);
         if told.as_ref().is_ok_and(|m| m.is_dir()) {
-            return Err(AskedWrongly(anyhow!("{}: this is a folder; expected the name of a file", path.display())).into());
+            return Err(UsageError(anyhow!("{}: this is a folder; expected the name of a file", path.display())).into());
         }
         // Links in a circle, folders that may not be entered.
         if let Err(e) = told
@@ -244,7 +244,7 @@ pub fn distinct<'a>(
         inputs.into_iter().map(|p| (place(p), "it is read here; expected another name")).collect();
     for path in outputs.into_iter().filter(|p| !is_device(p)) {
         if let Some(why) = taken.insert(place(path), "it is to be written twice; expected different names") {
-            return Err(AskedWrongly(anyhow!("{}: {why}", path.display())).into());
+            return Err(UsageError(anyhow!("{}: {why}", path.display())).into());
         }
     }
     Ok(())
@@ -261,7 +261,7 @@ pub fn prepare_dng(path: &Path) -> anyhow::Result<Output> {
     match kind(path)? {
         Kind::Dng => Output::prepare(path),
         _ if path.extension().is_none() => Output::prepare(path),
-        _ => Err(AskedWrongly(anyhow!("{}: expected a name that ends in .dng", path.display())).into()),
+        _ => Err(UsageError(anyhow!("{}: expected a name that ends in .dng", path.display())).into()),
     }
 }
 
@@ -270,7 +270,7 @@ pub fn prepare_exr(path: &Path) -> anyhow::Result<Output> {
     match kind(path)? {
         Kind::Exr => Output::prepare(path),
         _ if path.extension().is_none() => Output::prepare(path),
-        _ => Err(AskedWrongly(anyhow!("{}: expected a name that ends in .exr", path.display())).into()),
+        _ => Err(UsageError(anyhow!("{}: expected a name that ends in .exr", path.display())).into()),
     }
 }
 

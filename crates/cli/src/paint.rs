@@ -1,6 +1,6 @@
 //! Drawings as files: SVG as it is, PNG painted with `tiny-skia` and the letters of DejaVu Sans.
 
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::output::Output;
 use ab_glyph::{Font, FontRef, OutlineCurve, ScaleFont};
 use anyhow::{Context, anyhow};
@@ -21,7 +21,7 @@ pub fn prepare(paths: &[PathBuf]) -> anyhow::Result<Vec<(bool, Output)>> {
         let png = match ending.as_deref() {
             Some("png") => true,
             Some("svg") => false,
-            _ => return Err(AskedWrongly(anyhow!("{}: expected a name that ends in .svg or .png", path.display())).into()),
+            _ => return Err(UsageError(anyhow!("{}: expected a name that ends in .svg or .png", path.display())).into()),
         };
         Ok((png, Output::prepare(path)?))
     };

@@ -46,7 +46,7 @@ pub fn check_depth(path: &Path) -> anyhow::Result<()> {
     match output::kind(path)? {
         Kind::Exr | Kind::Png => Ok(()),
         _ => {
-            Err(crate::AskedWrongly(anyhow!("{}: depth is written as .exr (metres) or .png (near is light)", path.display()))
+            Err(crate::UsageError(anyhow!("{}: depth is written as .exr (metres) or .png (near is light)", path.display()))
                 .into())
         }
     }

@@ -1,7 +1,7 @@
 //! Progress on the terminal, and being stopped: by Ctrl-C, SIGTERM or a closed terminal (SIGHUP).
 
 use crate::parts;
-use diopter::expose::Watch;
+use diopter::expose::ProgressReporter;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -55,7 +55,7 @@ const TICK: Duration = Duration::from_millis(100);
 
 /// Runs something long with a progress bar and time left; the bar only where somebody sees it. Workers only store a number: the bar has a lock, and
 /// a thread of its own that takes it.
-pub fn watched<T>(what: &'static str, run: impl FnOnce(&Watch) -> T) -> T {
+pub fn watched<T>(what: &'static str, run: impl FnOnce(&ProgressReporter) -> T) -> T {
     const STEPS: u64 = 1000;
     let _held = hold();
     let bar = if std::io::stderr().is_terminal() { ProgressBar::new(STEPS) } else { ProgressBar::hidden() };
@@ -75,7 +75,10 @@ pub fn watched<T>(what: &'static str, run: impl FnOnce(&Watch) -> T) -> T {
                 }
             });
         }
-        run(&Watch { cancel: &STOP, progress: &|done| position.store((done * STEPS as f64) as u64, Ordering::Relaxed) })
+        run(&ProgressReporter {
+            cancel: &STOP,
+            progress: &|done| position.store((done * STEPS as f64) as u64, Ordering::Relaxed),
+        })
     });
     bar.finish_and_clear();
     result

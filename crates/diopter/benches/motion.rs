@@ -6,14 +6,14 @@
 mod shared;
 
 use diopter::camera::look_at;
-use diopter::expose::Watch;
+use diopter::expose::ProgressReporter;
 use diopter::image::ExposureFacts;
 use diopter::lens::{Lens, Pinhole};
 use diopter::light::units::Millimeters;
 use diopter::scene::light::Environment;
 use diopter::scene::material::{Material, Scattering};
 use diopter::scene::motion::{
-    AnimatedProperty, Animation, Channel, Deformer, Ending, KeyInterpolation, Motion, Node, Playing, Target,
+    AnimatedProperty, Animation, AnimationPlayback, Channel, Deformer, Extrapolation, KeyInterpolation, Motion, Node, Target,
 };
 use diopter::scene::shape::Mesh;
 use diopter::scene::texture::Color;
@@ -54,7 +54,7 @@ fn large(bends: bool) -> Description {
     let mut d = Description {
         materials: vec![Material::new("grey", Scattering::Diffuse(Color::rgb(0.5, 0.5, 0.5)))],
         nodes: vec![Node::new("a")],
-        playing: Playing { animations: vec![0], ending: Ending::Clamp, frozen_at_s: None },
+        playing: AnimationPlayback { animations: vec![0], ending: Extrapolation::Clamp, frozen_at_s: None },
         ..Default::default()
     };
     let motion = match bends {
@@ -109,7 +109,7 @@ fn main() {
         moving.pose(0.0, time);
         let pose_ms = begun.elapsed().as_secs_f64() * 1e3;
         let take = |scene: &Scene| {
-            let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+            let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
             let settings = Settings { truth: false, ..Settings::new(16) };
             let (shutter, response) = (Shutter::global(time), Response::luminance());
             expose(scene, &camera, &shutter, &response, &settings, &ExposureFacts::default(), &watch).expect("an exposure");

@@ -15,7 +15,7 @@ use diopter::scene::material::{Conductor, Material, Scattering};
 use diopter::scene::shape::Mesh;
 use diopter::scene::texture::Color;
 use diopter::scene::{Description, Object, Scene, Shape};
-use diopter::{Camera, CameraMotion, Film, Response, Settings, Shutter, camera::look_at, expose, expose::Watch};
+use diopter::{Camera, CameraMotion, Film, Response, Settings, Shutter, camera::look_at, expose, expose::ProgressReporter};
 use glam::{Affine3A, Mat3, Vec3};
 use serde_json::Value;
 use std::path::Path;
@@ -64,7 +64,7 @@ fn main() {
         _ => SamplerKind::Sobol,
     };
     let shutter = Shutter::global(1.0);
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     let (wall, cpu) = (Instant::now(), processor_seconds());
     let plane = expose(&scene, &camera, &shutter, &Response::linear_srgb(), &settings, &ExposureFacts::default(), &watch)
         .expect("nothing stops it");

@@ -26,7 +26,7 @@ pub struct Film {
     pub gap_mm: [f64; 2],
     /// Where the middle of the film lies, mm from the lens's axis, to the right and up as the picture shows it: 0 but for a piece of a
     /// larger film.
-    pub middle_mm: [f64; 2],
+    pub center_mm: [f64; 2],
     /// A microlens array in the film's place: the sensor lies behind it, and what is said here of the film is said of the sensor.
     pub microlenses: Option<MicrolensArray>,
 }
@@ -43,7 +43,7 @@ impl Film {
             pixel_area_mm2,
             low_pass_mm: 0.0,
             gap_mm: [0.0; 2],
-            middle_mm: [0.0; 2],
+            center_mm: [0.0; 2],
             microlenses: None,
         }
     }
@@ -53,14 +53,14 @@ impl Film {
         let (w, h) = (self.width_mm * width, self.height_mm * height);
         let middle = [left + 0.5 * width - 0.5, 0.5 - top - 0.5 * height];
         Film {
-            middle_mm: [self.middle_mm[0] + middle[0] * self.width_mm, self.middle_mm[1] + middle[1] * self.height_mm],
+            center_mm: [self.center_mm[0] + middle[0] * self.width_mm, self.center_mm[1] + middle[1] * self.height_mm],
             ..Film::new(w, h, columns, rows)
         }
     }
 
     /// Farthest from the axis that it reaches, along each axis, mm.
     pub fn reach(&self) -> DVec2 {
-        let [x, y] = self.middle_mm;
+        let [x, y] = self.center_mm;
         DVec2::new(x.abs() + 0.5 * self.width_mm, y.abs() + 0.5 * self.height_mm)
     }
 
@@ -68,7 +68,7 @@ impl Film {
     /// between pixels.
     #[inline]
     pub(crate) fn collects(&self, at: DVec2) -> bool {
-        let at = at + DVec2::from_array(self.middle_mm);
+        let at = at + DVec2::from_array(self.center_mm);
         if at.x.abs() > 0.5 * self.width_mm || at.y.abs() > 0.5 * self.height_mm {
             return false;
         }

@@ -18,7 +18,7 @@ const BLOCK: usize = 8192;
 #[non_exhaustive]
 pub enum CheckpointError {
     /// Another program's file.
-    #[error("this is no checkpoint of this version of diopter")]
+    #[error("not a checkpoint of this version of diopter")]
     Unknown,
     /// Of another scene, camera, size or range of samples.
     #[error("it belongs to another exposure: another scene, camera, setting, size or range of samples")]

@@ -4,7 +4,7 @@
 //! straight. All moments have the same random numbers: in pixels where nothing changes the light is the same to the last bit, and the renderer's noise makes no events; where something moves it
 //! may make some, fewer with more samples a pixel.
 
-use crate::expose::{ExposeError, Watch};
+use crate::expose::{ExposeError, ProgressReporter};
 use crate::npy;
 use crate::program::Mode;
 use crate::quantity::{Iso, IsoChoice, Seconds, Size};
@@ -131,7 +131,12 @@ fn momentary(file: &ShotFile, film: &EventFilm) -> Result<ShotFile, ShotError> {
 
 /// Takes a film. `warn` gets what was found odd, each once. Fails on settings that only cameras with frames have (exposure time, mode, ISO speed, shutter, body, flash,
 /// sequence, lens cap), on times out of range, as [`Shot::prepare`] and [`Shot::meter`], and with [`ExposeError::Cancelled`].
-pub fn take(file: &ShotFile, film: &EventFilm, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<TakenEvents, ShotError> {
+pub fn take(
+    file: &ShotFile,
+    film: &EventFilm,
+    watch: &ProgressReporter,
+    warn: &mut dyn FnMut(&str),
+) -> Result<TakenEvents, ShotError> {
     let file = momentary(file, film)?;
     let mut told = Vec::new();
     let mut once = |text: &str| {
@@ -144,14 +149,14 @@ pub fn take(file: &ShotFile, film: &EventFilm, watch: &Watch, warn: &mut dyn FnM
     let mut shot = Shot::prepare_with(&file, inputs, &mut once)?;
     shot.settings.truth = false;
     shot.fireflies = FireflyChoice::Keep;
-    let quiet = Watch { cancel: watch.cancel, progress: &|_| () };
+    let quiet = ProgressReporter { cancel: watch.cancel, progress: &|_| () };
     shot.focus(&quiet, &mut once)?;
     shot.meter(&quiet, &mut once)?;
     let begun_s = shot.at_s();
     let size = [shot.camera.film.columns, shot.camera.film.rows];
     let mut camera = EventCamera::new(film.sensor.clone(), size, film.seed)?;
     let mut light = |at_s: f64| -> Result<Vec<f32>, ShotError> {
-        shot.turn_to(begun_s + at_s, 0, &mut once)?;
+        shot.advance_to(begun_s + at_s, 0, &mut once)?;
         let plane = shot.expose(&quiet)?;
         // Rays through a lens may put a little less than no light into a pixel next to an edge.
         Ok(plane.mean.data.iter().map(|e| (e / MOMENT_S as f32).max(0.0)).collect())

@@ -7,11 +7,11 @@
 mod blur;
 mod camera_rays;
 mod diffraction;
+mod dispersion_variate;
 pub(crate) mod error;
 mod fireflies;
 mod frames;
 mod integrator;
-mod landings;
 mod light_tracing;
 mod paged;
 mod pixel_cone;
@@ -32,7 +32,7 @@ pub use frames::Frames;
 pub use paged::{ExposedPaged, ExposedRows};
 pub use response::{Analyzer, Response};
 pub use settings::{Half, Integrator, Settings};
-pub use sums::{Keep, Sums};
+pub use sums::{Sums, SumsCallback};
 pub(crate) use truth::features;
 
 use crate::camera::Camera;
@@ -57,7 +57,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
-use sums::{Finished, Tile, means, tell_direct};
+use sums::{Finished, Tile, means, write_direct_truth};
 use tile::PassPaths;
 use truth::Recorder;
 use unit::Unit;
@@ -70,7 +70,7 @@ const TILE: usize = 16;
 const MARGIN: usize = 4;
 
 /// Told what goes on during an exposure; may be asked from any thread.
-pub struct Watch<'a> {
+pub struct ProgressReporter<'a> {
     /// Set to stop.
     pub cancel: &'a AtomicBool,
     /// Called with the fraction that is done, 0 to 1.
@@ -144,7 +144,7 @@ pub fn expose(
     response: &Response,
     settings: &Settings,
     facts: &ExposureFacts,
-    watch: &Watch,
+    watch: &ProgressReporter,
 ) -> Result<FocalPlane, ExposeError> {
     let exposed = Exposure { scene, camera, shutter, response, settings, facts }.run(watch, None, None)?;
     Ok(exposed.plane)
@@ -167,9 +167,9 @@ pub fn bytes_needed(bands: usize, summed: usize) -> (usize, usize) {
 
 /// Bands that the sums of an exposure hold, of so many that the film records: more where fireflies are re-weighted, where lamps make stars, and where direct
 /// light is recorded.
-pub fn summed_bands(bands: usize, fireflies: bool, stars: bool, direct: bool) -> usize {
-    let light = bands * if fireflies { SUMS_WITH_CASCADE } else { 1 } + if stars { star_sums(bands) } else { 0 };
-    light + if direct { bands * if stars { 2 } else { 1 } } else { 0 }
+pub fn summed_bands(bands: usize, fireflies: bool, starbursts: bool, direct: bool) -> usize {
+    let light = bands * if fireflies { SUMS_WITH_CASCADE } else { 1 } + if starbursts { star_sums(bands) } else { 0 };
+    light + if direct { bands * if starbursts { 2 } else { 1 } } else { 0 }
 }
 
 /// Samples of a pass: a power of two that depends on the number of pixels alone.
@@ -187,11 +187,11 @@ fn pass_end(first: u32, length: u32) -> u32 {
 impl Exposure<'_> {
     /// Exposes from the beginning, or goes on from where `start` stands.
     ///
-    /// `keep` gets the sums again and again, tens to hundreds of milliseconds apart, to save them or look at them ([`Exposure::so_far`]) if it likes. Without it [`Watch::cancel`] gives
+    /// `keep` gets the sums again and again, tens to hundreds of milliseconds apart, to save them or look at them ([`Exposure::so_far`]) if it likes. Without it [`ProgressReporter::cancel`] gives
     /// [`ExposeError::Cancelled`]; with it the pass under way is finished, and its samples and those before are the result. While the truth is computed,
-    /// before the first sample, [`Watch::cancel`] gives [`ExposeError::Cancelled`] in both cases, and so does a `keep` that breaks. Fails with [`ExposeError::Nothing`]
+    /// before the first sample, [`ProgressReporter::cancel`] gives [`ExposeError::Cancelled`] in both cases, and so does a `keep` that breaks. Fails with [`ExposeError::Nothing`]
     /// without a pixel or a sample, and with [`ExposeError::Foreign`] where `start` has another size, other bands or samples.
-    pub fn run(&self, watch: &Watch, start: Option<Sums>, keep: Option<Keep>) -> Result<Exposed, ExposeError> {
+    pub fn run(&self, watch: &ProgressReporter, start: Option<Sums>, keep: Option<SumsCallback>) -> Result<Exposed, ExposeError> {
         let mut sums = self.begin(start, |[width, height, numbers]| Ok(Raster::new(width, height, numbers)))?;
         let started = Instant::now();
         let film = &self.camera.film;
@@ -204,13 +204,13 @@ impl Exposure<'_> {
         let stopped = self.take_samples(watch, &mut sums, keep, started, self.settings.time_limit_s, optics.as_ref())?;
         let (Finished { mean, half_difference, direct, .. }, facts) = self.planes_of(&sums, optics.as_ref());
         if let Some(direct) = direct {
-            tell_direct(&mut truth, &self.response.bands, &mean, &direct);
+            write_direct_truth(&mut truth, &self.response.bands, &mean, &direct);
         }
         let plane = FocalPlane { bands: self.response.bands.clone(), mean, half_difference, truth, facts };
         Ok(Exposed { plane, stopped, stray: None })
     }
 
-    /// The picture so far of an exposure that is under way, for whoever keeps its sums ([`Keep`]): to the bit what [`Exposure::run`] gives where it ends with the samples that all
+    /// The picture so far of an exposure that is under way, for whoever keeps its sums ([`SumsCallback`]): to the bit what [`Exposure::run`] gives where it ends with the samples that all
     /// pixels have, without its truth. `None` before the first pass, in the midst of one, when pixels have different numbers of samples, and of the sums of another exposure.
     pub fn so_far(&self, sums: &Sums) -> Option<FocalPlane> {
         let film = &self.camera.film;
@@ -227,7 +227,7 @@ impl Exposure<'_> {
     fn planes_of(&self, sums: &Sums, optics: Option<&Optics>) -> (Finished, ExposureFacts) {
         let mut facts = self.facts_of(sums);
         let bands = self.response.curves.len();
-        let stars = optics.filter(|_| self.makes_stars()).map(|optics| Stars {
+        let starbursts = optics.filter(|_| self.separates_starbursts()).map(|optics| Stars {
             optics,
             camera: self.camera,
             seed: self.settings.seed,
@@ -236,7 +236,7 @@ impl Exposure<'_> {
             direct: self.direct().map(|from| from + bands),
             reweight: self.cascade().is_some(),
         });
-        let planes = sums.finish(bands, self.cascade(), stars, self.direct());
+        let planes = sums.finish(bands, self.cascade(), starbursts, self.direct());
         facts.fireflies_removed = planes.removed;
         (planes, facts)
     }
@@ -261,13 +261,13 @@ impl Exposure<'_> {
     /// written or read.
     pub fn run_paged(
         &self,
-        watch: &Watch,
+        watch: &ProgressReporter,
         start: Option<Sums<PagedRows>>,
-        keep: Option<Keep<PagedRows>>,
+        keep: Option<SumsCallback<PagedRows>>,
         memory: usize,
         folder: &Path,
     ) -> Result<ExposedPaged, ExposeError> {
-        if self.settings.fireflies != Fireflies::Keep || self.makes_stars() {
+        if self.settings.fireflies != Fireflies::Keep || self.separates_starbursts() {
             let diffraction = match self.settings.diffraction {
                 Diffraction::Off => Diffraction::Off,
                 Diffraction::On { .. } => Diffraction::On { white_e: None },
@@ -363,7 +363,7 @@ impl Exposure<'_> {
     fn unit<'a>(&'a self, curves: &'a Curves, wavelengths: &'a WavelengthSampler, optics: Option<&'a Optics>) -> Unit<'a> {
         let Exposure { scene, camera, shutter, response, settings, .. } = *self;
         let behind = camera.film.microlenses.map(|m| m.behind(&camera.lens));
-        let stars = self.makes_stars();
+        let starbursts = self.separates_starbursts();
         Unit {
             scene,
             camera,
@@ -375,7 +375,7 @@ impl Exposure<'_> {
             behind,
             cascade: self.cascade(),
             optics,
-            stars,
+            starbursts,
             direct: self.direct(),
             cones: PixelCones::of(scene, camera),
             polarized: self.is_polarized(),
@@ -400,7 +400,7 @@ impl Exposure<'_> {
     }
 
     /// Whether the sums hold what lamps send far out.
-    fn makes_stars(&self) -> bool {
+    fn separates_starbursts(&self) -> bool {
         self.in_electrons() && matches!(self.settings.diffraction, Diffraction::On { white_e: Some(_) })
     }
 
@@ -419,14 +419,14 @@ impl Exposure<'_> {
 
     /// Bands that are summed: those of the film, of each buffer of the cascade, and of stars.
     fn summed_bands(&self) -> usize {
-        let (fireflies, stars) = (self.cascade().is_some(), self.makes_stars());
-        summed_bands(self.response.curves.len(), fireflies, stars, self.settings.records_direct())
+        let (fireflies, starbursts) = (self.cascade().is_some(), self.separates_starbursts());
+        summed_bands(self.response.curves.len(), fireflies, starbursts, self.settings.records_direct())
     }
 
     /// Where the sums of direct light begin, where it is recorded.
     fn direct(&self) -> Option<usize> {
         let bands = self.response.curves.len();
-        let before = summed_bands(bands, self.cascade().is_some(), self.makes_stars(), false);
+        let before = summed_bands(bands, self.cascade().is_some(), self.separates_starbursts(), false);
         self.settings.records_direct().then_some(before)
     }
 
@@ -467,9 +467,9 @@ impl Exposure<'_> {
     /// Takes the samples that are still wanted; whether it was stopped before the last of them.
     fn take_samples<S: RowStore>(
         &self,
-        watch: &Watch,
+        watch: &ProgressReporter,
         sums: &mut Sums<S>,
-        mut keep: Option<Keep<S>>,
+        mut keep: Option<SumsCallback<S>>,
         started: Instant,
         time_limit_s: Option<f64>,
         optics: Option<&Optics>,

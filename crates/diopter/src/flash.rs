@@ -108,7 +108,7 @@ impl Flash {
     }
 
     /// Puts it into a scene that is not built yet: a panel on a free node, dark until [`Flash::moment`] is told.
-    pub fn put_into(&self, d: &mut Description) {
+    pub fn add_to_scene(&self, d: &mut Description) {
         let area = HEAD_M[0] * HEAD_M[1];
         // Luminance × time of a panel whose axis sends out 2.5 GN² cd·s.
         let candela_seconds = C / 100.0 * self.guide_number * self.guide_number * self.power;

@@ -12,7 +12,7 @@
 //! Nikon, D810 manual (12 mm circle, 75 %; spot 4 mm). The matrix pattern is our own, makers keep theirs to themselves.
 
 use crate::camera::{Camera, Film};
-use crate::expose::{ExposeError, Response, Settings, Watch, expose};
+use crate::expose::{ExposeError, ProgressReporter, Response, Settings, expose};
 use crate::shutter::Shutter;
 use diopter_image::{ExposureFacts, FocalPlane, RawImage};
 use diopter_light::cie;
@@ -128,7 +128,7 @@ fn probe(
     camera: &Camera,
     settings: &Settings,
     response: &Response,
-    watch: &Watch,
+    watch: &ProgressReporter,
 ) -> Result<FocalPlane, ExposeError> {
     let settings = Settings {
         spp: PROBE_SAMPLES,
@@ -138,7 +138,7 @@ fn probe(
         shutter_times: Default::default(),
         ..settings.clone()
     };
-    let quiet = Watch { cancel: watch.cancel, progress: &|_| () };
+    let quiet = ProgressReporter { cancel: watch.cancel, progress: &|_| () };
     // As if the scene stood still for a second: what it shows at this moment.
     expose(scene, camera, &Shutter::global(1.0), response, &settings, &ExposureFacts::default(), &quiet)
 }
@@ -166,7 +166,7 @@ const LIT: f64 = 0.1;
 
 /// Mean luminance of the scene as framed, cd/m²: what a scene without a scale is scaled by, not what a camera meters. Only what the lens shows
 /// counts, not the dark beyond its image circle and not a void. 0 where it shows nothing. Fails when cancelled.
-pub fn mean_luminance(scene: &Scene, camera: &Camera, settings: &Settings, watch: &Watch) -> Result<f64, ExposeError> {
+pub fn mean_luminance(scene: &Scene, camera: &Camera, settings: &Settings, watch: &ProgressReporter) -> Result<f64, ExposeError> {
     let camera = probing(camera);
     // Of the scene, not of what a polariser leaves of it.
     let settings = Settings { polarizer: None, ..settings.clone() };
@@ -223,7 +223,7 @@ impl Meter<'_> {
         camera: &Camera,
         settings: &Settings,
         white: &Table,
-        watch: &Watch,
+        watch: &ProgressReporter,
     ) -> Result<Option<f64>, ExposeError> {
         let probing = probing(camera);
         let mut plane = probe(scene, &probing, settings, &Response::sensor(self.sensor), watch)?;

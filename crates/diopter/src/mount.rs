@@ -30,7 +30,7 @@ impl Film {
     pub(crate) fn point(&self, column: f64, row: f64) -> DVec2 {
         let at =
             DVec2::new((0.5 - column / self.columns as f64) * self.width_mm, (row / self.rows as f64 - 0.5) * self.height_mm);
-        at - DVec2::from_array(self.middle_mm)
+        at - DVec2::from_array(self.center_mm)
     }
 }
 
@@ -43,7 +43,7 @@ impl Camera {
     /// Pixel (column, row) that a film point (mm) lies in; `None` outside the film.
     pub(crate) fn pixel_of(&self, film_mm: [f32; 2]) -> Option<(usize, usize)> {
         let film = &self.film;
-        let [x, y] = [0, 1].map(|k| film_mm[k] as f64 + film.middle_mm[k]);
+        let [x, y] = [0, 1].map(|k| film_mm[k] as f64 + film.center_mm[k]);
         let column = (0.5 - x / film.width_mm) * film.columns as f64;
         let row = (0.5 + y / film.height_mm) * film.rows as f64;
         let inside = column >= 0.0 && row >= 0.0 && column < film.columns as f64 && row < film.rows as f64;

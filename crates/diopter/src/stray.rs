@@ -136,7 +136,7 @@ impl StrayLight {
         if let (Some(veil), Some(seen)) = (veil, seen) {
             let open_s = scene.open_s();
             let half = DVec2::new(0.5 * film.width_mm, 0.5 * film.height_mm);
-            let on_film = |at: DVec2| (at + DVec2::from_array(film.middle_mm)).abs().cmple(half).all();
+            let on_film = |at: DVec2| (at + DVec2::from_array(film.center_mm)).abs().cmple(half).all();
             let window = shutter.window(&Place {
                 pixel: [film.columns / 2, film.rows / 2],
                 size: [film.columns, film.rows],

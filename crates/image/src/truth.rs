@@ -3,7 +3,7 @@
 pub use crate::cryptomatte::Manifest;
 
 use crate::Raster;
-use crate::channels::{ALWAYS, CHANNELS, Channel, Merge, Numbers};
+use crate::channels::{ALWAYS, CHANNELS, Channel, Merge, PixelType};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -73,21 +73,21 @@ impl Recorded {
 /// The values of a channel, `[row][column][part]`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Values {
-    /// Of [`Numbers::Float`].
+    /// Of [`PixelType::Float`].
     Float(Raster<f32>),
-    /// Of [`Numbers::Whole`].
+    /// Of [`PixelType::Whole`].
     Whole(Raster<u32>),
 }
 
 impl Values {
     fn missing(channel: &Channel, width: usize, height: usize) -> Values {
         match channel.numbers {
-            Numbers::Float => {
+            PixelType::Float => {
                 let mut raster = Raster::new(width, height, channel.parts());
                 raster.data.fill(channel.missing);
                 Values::Float(raster)
             }
-            Numbers::Whole => Values::Whole(Raster::new(width, height, channel.parts())),
+            PixelType::Whole => Values::Whole(Raster::new(width, height, channel.parts())),
         }
     }
 
@@ -350,7 +350,7 @@ mod tests {
             id: ChannelId::Depth,
             name,
             exr,
-            numbers: Numbers::Float,
+            numbers: PixelType::Float,
             unit: "",
             merge,
             missing: 0.0,

@@ -24,8 +24,8 @@ mod zoom;
 
 pub use configure::{Configured, FilmPlace, configure, nearest_focus};
 pub(crate) use configure::{opening, stop_radius, widest_f_number};
-pub use entries::Entries;
-pub use samples::{Exits, PupilSampler, Samples, Scratch};
+pub use entries::EntryRays;
+pub use samples::{ExitRays, PupilSampler, Samples, Scratch};
 pub use stabilised::tangents_by;
 pub use zoom::{printed_focal_length, printed_focal_lengths, zoom_position};
 
@@ -133,7 +133,7 @@ impl CompoundLens {
         let turned = Turned::new(&system, straight, prescription.is_openings_alone(), tilt)?;
         let first = turned.first_order();
         let batch = Batch::new(&system);
-        let middle = turned.pupil_middle(system.film_z, system.film_run());
+        let middle = turned.pupil_center_slope(system.film_z, system.film_run());
         let Some(geometry) = geometry(&system, &batch, &first, middle, 0.5 * DVec2::from_array(setting.film_mm)) else {
             return range("focus", "the film".into(), "a film behind the last surface: it would touch the lens".into());
         };
@@ -251,8 +251,8 @@ impl CompoundLens {
     }
 
     /// Slope towards the middle of the exit pupil from the middle of the film; 0 but for a tilted lens, and one whose base ray meets the film askew.
-    pub fn pupil_middle(&self) -> DVec2 {
-        self.turned.pupil_middle(self.system.film_z, self.system.film_run()) + self.system.base_slope(&self.reference)
+    pub fn pupil_center_slope(&self) -> DVec2 {
+        self.turned.pupil_center_slope(self.system.film_z, self.system.film_run()) + self.system.base_slope(&self.reference)
     }
 
     /// The plane that is sharp by Gauss's formulas: a point of it (mm from the entrance pupil) and its unit normal. `None` at infinity, and for openings alone.
@@ -372,11 +372,11 @@ impl CompoundLens {
 
     /// Distance from the axis (mm) beyond which no light falls on the film in a direction (unit vector on the film), at most `most`: where
     /// the image circle ends.
-    pub fn lit_radius(&self, towards: DVec2, most: f64) -> f64 {
+    pub fn image_circle_radius(&self, towards: DVec2, most: f64) -> f64 {
         // A lens that is built has a film behind its last surface.
-        let middle = self.turned.pupil_middle(self.system.film_z, self.system.film_run());
+        let middle = self.turned.pupil_center_slope(self.system.film_z, self.system.film_run());
         geometry(&self.system, &self.batch, &self.first, middle, DVec2::splat(most))
-            .map_or(0.0, |g| pupil::lit_radius(&g, towards, most))
+            .map_or(0.0, |g| pupil::image_circle_radius(&g, towards, most))
     }
 
     fn film_ray(&self, film: DVec2, slope: DVec2) -> TracedRay {
@@ -447,7 +447,7 @@ impl CompoundLens {
     /// The chief ray by refractive indices.
     fn chief_ray_by(&self, film: DVec2, n: &[f64]) -> Result<LensRay, Blocked> {
         let (region, turn) = self.pupils.region(film);
-        let ray = self.film_ray(film, self.pupils.middle_slope(film));
+        let ray = self.film_ray(film, self.pupils.centroid_slope(film));
         let mut out = self.system.trace(ray, n, TraceDirection::ToObject, Apertures::Clip);
         // Where little passes, or all but the middle, rims may stop this very ray; as long as others pass, it still says where the film point looks, and without a step over the film.
         if out.is_err() && region.fan.area() > 0.0 && self.anything_passes(film, region, turn) {

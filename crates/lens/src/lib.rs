@@ -247,9 +247,9 @@ impl Lens {
     }
 
     /// Slope towards the middle of the exit pupil from the middle of the film: 0 but for a tilted lens.
-    pub fn pupil_middle(&self) -> DVec2 {
+    pub fn pupil_center_slope(&self) -> DVec2 {
         match self {
-            Lens::Compound(lens) => lens.pupil_middle(),
+            Lens::Compound(lens) => lens.pupil_center_slope(),
             _ => DVec2::ZERO,
         }
     }

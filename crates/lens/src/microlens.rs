@@ -44,11 +44,11 @@ impl MicrolensArray {
     }
 
     /// The array behind a lens.
-    pub fn behind(&self, lens: &Lens) -> Behind {
+    pub fn behind(&self, lens: &Lens) -> MicrolensOptics {
         let curvature = lens.exit_curvature();
         let magnification = 1.0 + self.gap * curvature;
         let smear = self.lattice.cell_radius() * (magnification - self.gap / self.focal_length).abs();
-        Behind { array: *self, magnification, image_radius: self.gap * lens.pupil_reach() + smear }
+        MicrolensOptics { array: *self, magnification, image_radius: self.gap * lens.pupil_reach() + smear }
     }
 
     /// Area of a lens over that of the pupil's image behind it, for a pupil of a radius over its distance: how many times more light
@@ -60,7 +60,7 @@ impl MicrolensArray {
 
 /// A microlens array behind a lens.
 #[derive(Clone, Copy, Debug)]
-pub struct Behind {
+pub struct MicrolensOptics {
     array: MicrolensArray,
     /// Size of the lattice of pupil images over that of the lenses.
     magnification: f64,
@@ -79,7 +79,7 @@ pub struct MicrolensSample {
     pub density: f64,
 }
 
-impl Behind {
+impl MicrolensOptics {
     fn lenses(&self, sensor: DVec2) -> impl Iterator<Item = DVec2> + use<> {
         self.array.lattice.within(sensor / self.magnification, self.image_radius / self.magnification)
     }

@@ -119,8 +119,8 @@ pub struct Geometry<'a> {
 
 /// Distance from the axis (mm) beyond which no light of any colour falls on the film in a direction (unit vector on the film), at most
 /// `most`; to `most` / 512. Light is found that fills at least 1/128 of the rim of the last surface, each way.
-pub fn lit_radius(g: &Geometry, towards: DVec2, most: f64) -> f64 {
-    Search::new(g).lit_radius(towards, most)
+pub fn image_circle_radius(g: &Geometry, towards: DVec2, most: f64) -> f64 {
+    Search::new(g).image_circle_radius(towards, most)
 }
 
 impl PupilTable {
@@ -137,7 +137,7 @@ impl PupilTable {
             let (bins, angles) = if round { (radial, 1) } else { (polar[0], polar[1]) };
             let corners = if round { 1 } else { angles + 1 };
             // Where the picture of the lens ends, if it does so on the film: bins are not spent on the dark beyond.
-            let radius = search.lit_radius(DVec2::X, diagonal);
+            let radius = search.image_circle_radius(DVec2::X, diagonal);
             let mut outlines: Vec<Vec<Vec<DVec2>>> = vec![vec![]; bins + 1];
             for a in 0..corners {
                 let angle = g.iris_period * a as f64 / angles as f64;
@@ -259,7 +259,7 @@ impl PupilTable {
     }
 
     /// Slope from a film point towards the middle of what passes: the centroid of the area of its shape in q, without steps over the film.
-    pub fn middle_slope(&self, film: DVec2) -> DVec2 {
+    pub fn centroid_slope(&self, film: DVec2) -> DVec2 {
         let (region, turn) = self.region(film);
         let own = || self.slope(film, region.fan.center(), turn);
         if region.fan.area() <= 0.0 {
@@ -365,7 +365,7 @@ impl<'a> Search<'a> {
     }
 
     /// Distance from the axis in a direction (unit vector on the film) beyond which no light falls on the film, at most `most`, mm.
-    fn lit_radius(&mut self, towards: DVec2, most: f64) -> f64 {
+    fn image_circle_radius(&mut self, towards: DVec2, most: f64) -> f64 {
         if !self.outline(towards * most, None).is_empty() {
             return most;
         }

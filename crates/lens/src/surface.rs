@@ -58,7 +58,7 @@ pub enum Profile {
 
 /// Where a ray meets a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Meeting {
+pub struct SurfaceHit {
     /// Distance along the unit direction, mm; may be negative.
     pub t: f64,
     /// The point.
@@ -164,20 +164,20 @@ impl Profile {
     /// frame, −1 for light that runs along −z: it, not the direction, chooses between the two roots, so that rays beyond 90°
     /// from the axis meet the front of a fisheye and not its back.
     #[inline]
-    pub fn meet(&self, o: DVec3, d: DVec3, sense: f64) -> Option<Meeting> {
+    pub fn intersect(&self, o: DVec3, d: DVec3, sense: f64) -> Option<SurfaceHit> {
         match self {
             Profile::Plane => {
                 let t = -o.z / d.z;
-                t.is_finite().then(|| Meeting { t, point: o + d * t, normal: DVec3::Z })
+                t.is_finite().then(|| SurfaceHit { t, point: o + d * t, normal: DVec3::Z })
             }
             Profile::Sphere(c) => {
                 let (t, point) = meet_conic(o, d, *c, 0.0, sense)?;
-                Some(Meeting { t, point, normal: DVec3::new(-c * point.x, -c * point.y, 1.0 - c * point.z) })
+                Some(SurfaceHit { t, point, normal: DVec3::new(-c * point.x, -c * point.y, 1.0 - c * point.z) })
             }
             Profile::Conic { c, k } => {
                 let (t, point) = meet_conic(o, d, *c, *k, sense)?;
                 let n = DVec3::new(-c * point.x, -c * point.y, 1.0 - c * (1.0 + k) * point.z);
-                Some(Meeting { t, point, normal: n.normalize() })
+                Some(SurfaceHit { t, point, normal: n.normalize() })
             }
             Profile::Asphere(a) => {
                 let start = meet_conic(o, d, a.c, a.k, sense).or_else(|| meet_conic(o, d, a.vertex_curvature(), 0.0, sense));
@@ -199,7 +199,7 @@ impl Profile {
                 }
                 let point = o + d * t;
                 let slope = round_graph(point, |r| a.sag(r))?.1;
-                Some(Meeting { t, point, normal: DVec3::new(-slope.x, -slope.y, 1.0).normalize() })
+                Some(SurfaceHit { t, point, normal: DVec3::new(-slope.x, -slope.y, 1.0).normalize() })
             }
             Profile::Toroid { y: a, c_x } => {
                 meet_graph(o, d, None, |p| toroid(a, *c_x, p.x, p.y).map(|(z, zx, zy)| (z, slope_vector(zx, zy))))
@@ -282,7 +282,7 @@ fn meet_conic(o: DVec3, d: DVec3, c: f64, k: f64, sense: f64) -> Option<(f64, DV
 
 /// Intersection with z = f(x, y) by Newton from `start`, guarded: where Newton leaves the surface or does not come to rest, a
 /// change of sign is looked for along the ray and halved.
-fn meet_graph(o: DVec3, d: DVec3, start: Option<f64>, f: impl Fn(DVec3) -> Option<(f64, DVec3)>) -> Option<Meeting> {
+fn meet_graph(o: DVec3, d: DVec3, start: Option<f64>, f: impl Fn(DVec3) -> Option<(f64, DVec3)>) -> Option<SurfaceHit> {
     let at = |t: f64| {
         let p = o + d * t;
         let (z, slope) = f(p)?;
@@ -290,7 +290,7 @@ fn meet_graph(o: DVec3, d: DVec3, start: Option<f64>, f: impl Fn(DVec3) -> Optio
     };
     let found = |t: f64, p: DVec3, slope: DVec3| {
         let normal = DVec3::new(-slope.x, -slope.y, 1.0).normalize();
-        Some(Meeting { t, point: p, normal })
+        Some(SurfaceHit { t, point: p, normal })
     };
     let plane = -o.z / d.z;
     for first in [start, Some(plane)].into_iter().flatten().filter(|t| t.is_finite()) {
@@ -366,7 +366,7 @@ mod tests {
     fn a_fresnel_surface_bends_in_its_plane_as_its_asphere_slopes() {
         let asphere = Asphere { c: 0.04, k: -1.2, a: vec![0.0, 0.0, 0.0, 0.0, 1e-5] };
         let m = Profile::Fresnel(asphere.clone())
-            .meet(DVec3::new(2.0, -3.0, -8.0), DVec3::new(0.1, 0.2, 1.0).normalize(), 1.0)
+            .intersect(DVec3::new(2.0, -3.0, -8.0), DVec3::new(0.1, 0.2, 1.0).normalize(), 1.0)
             .unwrap();
         assert!(m.point.z.abs() < 1e-14 && (m.point.truncate() - glam::DVec2::new(2.8, -1.4)).length() < 1e-13, "{m:?}");
         let slope = asphere.sag(2.8f64.hypot(1.4)).unwrap().1 / 2.8f64.hypot(1.4);
@@ -402,7 +402,7 @@ mod tests {
                 let f = |k: usize| ((i * k % 199) as f64 / 99.0 - 1.0) * 3.0;
                 let (o, d) = ray(f(7), f(31), f(13) * 0.04, f(53) * 0.04);
                 for (o, d, sense) in [(o, d, 1.0), (o + d * 60.0, -d, -1.0)] {
-                    let Some(m) = shape.meet(o, d, sense) else { continue };
+                    let Some(m) = shape.intersect(o, d, sense) else { continue };
                     met += 1;
                     let z = shape.sag(m.point.x, m.point.y).unwrap();
                     assert!((m.point.z - z).abs() < 1e-10, "{shape:?} {m:?} {z}");
@@ -448,9 +448,9 @@ mod tests {
         // A dome of radius 10 with its vertex towards −z, seen from beside and a little behind.
         let dome = Profile::Sphere(0.1);
         let d = DVec3::new(-1.0, 0.0, -0.1).normalize();
-        let m = dome.meet(DVec3::new(40.0, 0.0, 8.0), d, 1.0).unwrap();
+        let m = dome.intersect(DVec3::new(40.0, 0.0, 8.0), d, 1.0).unwrap();
         assert!(m.point.x > 0.0 && m.point.z < 10.0 && d.dot(m.normal) > 0.0, "{m:?}");
         // The ray enters the ball: from outside to inside, which is what light along +z does at the vertex.
-        assert!(dome.meet(DVec3::new(0.0, 30.0, -20.0), DVec3::Z, 1.0).is_none());
+        assert!(dome.intersect(DVec3::new(0.0, 30.0, -20.0), DVec3::Z, 1.0).is_none());
     }
 }

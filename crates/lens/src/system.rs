@@ -342,7 +342,7 @@ impl System {
         let distance = |r: &GradedRay| {
             let (o, d) = home.to_lens(r.position, r.direction);
             let (o, d) = target.to_local(o, d);
-            target.profile.meet(o, d, run).map(|m| m.t)
+            target.profile.intersect(o, d, run).map(|m| m.t)
         };
         // Rays that wind are longer than the gap, but not without end.
         let most = 10.0 * (self.surfaces[gap].z - home.z).abs() + 50.0;

@@ -74,7 +74,7 @@ impl System {
                 (o, d, path) = (crossed.0.position, crossed.0.direction, crossed.1);
             }
             let (local_o, local_d) = surface.to_local(o, d);
-            let m = surface.profile.meet(local_o, local_d, run).ok_or(blocked(BlockedBy::Missed))?;
+            let m = surface.profile.intersect(local_o, local_d, run).ok_or(blocked(BlockedBy::Missed))?;
             if apertures != Apertures::Ignore && !surface.lets_through(m.point.x, m.point.y) {
                 return Err(blocked(BlockedBy::Clipped));
             }

@@ -1,7 +1,7 @@
 //! The ground of diopter: what light is made of here, and nothing about cameras or scenes.
 //!
 //! Units: wavelengths in nm, lengths of rays in metres, spectral radiance in W·m⁻²·sr⁻¹·nm⁻¹, time in seconds.
-//! A path carries four wavelengths ([`Wavelengths`]); every spectral quantity on it is a [`Sampled`] of four values.
+//! A path carries four wavelengths ([`SampledWavelengths`]); every spectral quantity on it is a [`SampledSpectrum`] of four values.
 //! Out of scope: fluorescence, colour appearance models.
 //!
 //! To be read in this order: [`table`], [`cie`], [`wavelength`], [`upsample`], [`color`], [`spectrum`]; each knows only those before it.
@@ -24,4 +24,4 @@ pub mod wavelength;
 
 pub use ray::Ray;
 pub use spectrum::Spectrum;
-pub use wavelength::{Sampled, WavelengthSampler, Wavelengths};
+pub use wavelength::{SampledSpectrum, SampledWavelengths, WavelengthSampler};

@@ -1,6 +1,6 @@
 //! Random numbers as pure functions of (seed, pixel, sample, set): no state, so any thread can draw any sample.
 //!
-//! Numbers come in sets of four. A set is a name for one decision of a path ([`Set`]); its four numbers are well spread
+//! Numbers come in sets of four. A set is a name for one decision of a path ([`Dimensions`]); its four numbers are well spread
 //! together, and different sets are independent. All samplers stand behind [`Sampler`]:
 //!
 //! * `Sobol`: Owen-scrambled, index-shuffled 4-D Sobol points, padded. Source: Burley 2020, "Practical Hash-based Owen
@@ -32,7 +32,7 @@ pub enum SamplerKind {
 
 /// A decision of a path that needs up to four numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Set {
+pub enum Dimensions {
     /// Position in the pixel (2), position in the pupil (2).
     Camera,
     /// Wavelength, time.
@@ -45,7 +45,7 @@ pub enum Set {
     Medium(u32),
     /// Light that is scattered into the given segment of the path: choice of a light, distance along the segment, point on the light.
     Inscatter(u32),
-    /// The numbers of [`Set::Camera`] once more, where those before met nothing, at the given attempt (from 1).
+    /// The numbers of [`Dimensions::Camera`] once more, where those before met nothing, at the given attempt (from 1).
     Redraw(u32),
     /// How far diffraction moves light on the film (2) of a sample (0), and of the light that a lamp sends far out (1, 2).
     Diffraction(u32),
@@ -59,21 +59,21 @@ pub enum Set {
     Joint(u32),
 }
 
-impl Set {
+impl Dimensions {
     fn number(self) -> u32 {
         match self {
-            Set::Camera => 0,
-            Set::Time => 1,
-            Set::Light(vertex) => 2 + 2 * vertex,
-            Set::Scatter(vertex) => 3 + 2 * vertex,
-            Set::Medium(segment) => (1 << 24) + segment,
-            Set::Redraw(attempt) => (1 << 25) + attempt,
-            Set::Inscatter(segment) => (5 << 24) + segment,
-            Set::Diffraction(part) => (6 << 24) + part,
-            Set::Tracking(segment) => (8 << 24) + segment,
-            Set::Transmittance(vertex) => (7 << 24) + vertex,
-            Set::Connection(vertex) => (9 << 24) + vertex,
-            Set::Joint(vertex) => (10 << 24) + vertex,
+            Dimensions::Camera => 0,
+            Dimensions::Time => 1,
+            Dimensions::Light(vertex) => 2 + 2 * vertex,
+            Dimensions::Scatter(vertex) => 3 + 2 * vertex,
+            Dimensions::Medium(segment) => (1 << 24) + segment,
+            Dimensions::Redraw(attempt) => (1 << 25) + attempt,
+            Dimensions::Inscatter(segment) => (5 << 24) + segment,
+            Dimensions::Diffraction(part) => (6 << 24) + part,
+            Dimensions::Tracking(segment) => (8 << 24) + segment,
+            Dimensions::Transmittance(vertex) => (7 << 24) + vertex,
+            Dimensions::Connection(vertex) => (9 << 24) + vertex,
+            Dimensions::Joint(vertex) => (10 << 24) + vertex,
         }
     }
 }
@@ -184,7 +184,7 @@ impl Sampler {
 
     /// What the numbers of a set are made from.
     #[inline(always)]
-    fn seed_of(&self, set: Set) -> u32 {
+    fn seed_of(&self, set: Dimensions) -> u32 {
         mix(self.seed.wrapping_add(set.number().wrapping_mul(0x9e37_79b9)))
     }
 
@@ -196,7 +196,7 @@ impl Sampler {
 
     /// The numbers of two sets; Sobol points in the lanes of one vector, bit by bit those of [`Sampler::get`].
     #[inline]
-    pub fn get_two(&self, sets: [Set; 2]) -> [[f32; 4]; 2] {
+    pub fn get_two(&self, sets: [Dimensions; 2]) -> [[f32; 4]; 2] {
         match self.kind {
             SamplerKind::Sobol => sobol::two_points(sets.map(|set| self.scrambled(self.seed_of(set))), self.reversed_index),
             _ => sets.map(|set| self.get(set)),
@@ -205,7 +205,7 @@ impl Sampler {
 
     /// Four numbers in [0, 1).
     #[inline(always)]
-    pub fn get(&self, set: Set) -> [f32; 4] {
+    pub fn get(&self, set: Dimensions) -> [f32; 4] {
         let seed = self.seed_of(set);
         match self.kind {
             SamplerKind::Sobol => sobol::point(self.scrambled(seed), self.reversed_index),
@@ -216,7 +216,7 @@ impl Sampler {
             }
             SamplerKind::Grid => {
                 let mut numbers = self.independent(seed);
-                if set == Set::Camera {
+                if set == Dimensions::Camera {
                     // Cells of a grid as square as the count allows; the film position is the middle of a cell.
                     let columns = (self.whole.1 as f32).sqrt().ceil() as u32;
                     let rows = self.whole.1.div_ceil(columns);
@@ -231,7 +231,7 @@ impl Sampler {
     }
 
     /// As many numbers as a decision needs, independent of those of other decisions, samples and pixels; not stratified.
-    pub fn stream(&self, set: Set) -> Stream {
+    pub fn stream(&self, set: Dimensions) -> Stream {
         let seed = self.seed_of(set);
         Stream { state: (u64::from(seed) << 32) | u64::from(self.index) }
     }
@@ -270,9 +270,9 @@ mod tests {
         // Pool many pixels: each sampler's points of a set, in 8 × 8 cells. Stratified points spread better than random
         // ones, so χ² is bounded from above only; 150 is beyond the 99.9999 % quantile at 63 degrees of freedom.
         for kind in KINDS {
-            for set in [Set::Camera, Set::Time, Set::Light(0), Set::Scatter(5)] {
+            for set in [Dimensions::Camera, Dimensions::Time, Dimensions::Light(0), Dimensions::Scatter(5)] {
                 for (a, b) in [(0, 1), (0, 2), (2, 3), (1, 3)] {
-                    if kind == SamplerKind::Grid && set == Set::Camera && a < 2 {
+                    if kind == SamplerKind::Grid && set == Dimensions::Camera && a < 2 {
                         continue;
                     }
                     let mut cells = [0.0f64; 64];
@@ -298,7 +298,7 @@ mod tests {
             let mut sum = 0.0;
             for i in 0..n {
                 let s = Sampler::new(kind, 3, (i % 97, i / 97), i % 16, 16);
-                sum += (s.get(Set::Light(0))[0] as f64 - 0.5) * (s.get(Set::Scatter(0))[0] as f64 - 0.5);
+                sum += (s.get(Dimensions::Light(0))[0] as f64 - 0.5) * (s.get(Dimensions::Scatter(0))[0] as f64 - 0.5);
             }
             // Standard deviation of the mean of a product of two uniforms: 1/12/√n.
             let limit = 4.5 / 12.0 / (n as f64).sqrt();
@@ -314,10 +314,10 @@ mod tests {
         for pixel in 0..100 {
             for index in 0..32 {
                 let sampler = Sampler::new(SamplerKind::Sobol, 7, (pixel, 3), index, 32);
-                let mut stream = sampler.stream(Set::Tracking(1));
+                let mut stream = sampler.stream(Dimensions::Tracking(1));
                 firsts.insert(stream.clone().draw().to_bits());
-                firsts.insert(sampler.stream(Set::Tracking(2)).draw().to_bits());
-                firsts.insert(sampler.stream(Set::Transmittance(1)).draw().to_bits());
+                firsts.insert(sampler.stream(Dimensions::Tracking(2)).draw().to_bits());
+                firsts.insert(sampler.stream(Dimensions::Transmittance(1)).draw().to_bits());
                 for _ in 0..4 {
                     let (a, b) = (stream.draw(), stream.draw());
                     assert!((0.0..1.0).contains(&a) && (0.0..1.0).contains(&b));
@@ -337,7 +337,7 @@ mod tests {
         for kind in KINDS {
             for (index, vertex) in (0..200).map(|k| (k * 7919, k % 9)) {
                 let sampler = Sampler::new(kind, 11, (index, 3), index, 400);
-                let sets = [Set::Light(vertex), Set::Scatter(vertex)];
+                let sets = [Dimensions::Light(vertex), Dimensions::Scatter(vertex)];
                 assert_eq!(sampler.get_two(sets), sets.map(|set| sampler.get(set)), "{kind:?} {index}");
             }
         }
@@ -351,7 +351,7 @@ mod tests {
                 let (w, h) = (1u32 << a, 1u32 << (6 - a));
                 let mut seen = [false; 64];
                 for index in 0..64 {
-                    let u = Sampler::new(SamplerKind::Sobol, 1, (pixel, 0), 2 * index, 128).get(Set::Light(2));
+                    let u = Sampler::new(SamplerKind::Sobol, 1, (pixel, 0), 2 * index, 128).get(Dimensions::Light(2));
                     let cell = (u[0] * w as f32) as u32 + w * (u[1] * h as f32) as u32;
                     assert!(!std::mem::replace(&mut seen[cell as usize], true), "two points in cell {cell} of {w}×{h}");
                 }
@@ -361,7 +361,8 @@ mod tests {
 
     #[test]
     fn grid_covers_the_pixel_regularly() {
-        let mut xs: Vec<f32> = (0..16).map(|i| Sampler::new(SamplerKind::Grid, 1, (0, 0), i, 16).get(Set::Camera)[0]).collect();
+        let mut xs: Vec<f32> =
+            (0..16).map(|i| Sampler::new(SamplerKind::Grid, 1, (0, 0), i, 16).get(Dimensions::Camera)[0]).collect();
         xs.sort_by(f32::total_cmp);
         assert_eq!(xs[0], 0.125);
         assert_eq!(xs[15], 0.875);
@@ -373,7 +374,7 @@ mod tests {
             let n = count.div_ceil(2);
             let mut seen = vec![0; n as usize];
             for i in 0..n {
-                let u = Sampler::new(SamplerKind::Jittered, 5, (1, 1), 2 * i, count).get(Set::Light(0));
+                let u = Sampler::new(SamplerKind::Jittered, 5, (1, 1), 2 * i, count).get(Dimensions::Light(0));
                 seen[(u[1] * n as f32) as usize % n as usize] += 1;
             }
             assert!(seen.iter().all(|c| *c <= 4), "{count}: {seen:?}");

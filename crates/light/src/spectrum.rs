@@ -6,7 +6,7 @@ use crate::cie::{d65_one_nit, luminance};
 use crate::color::srgb_of_light;
 use crate::units::{BOLTZMANN, PLANCK, SPEED_OF_LIGHT};
 use crate::upsample::Sigmoid;
-use crate::wavelength::{Sampled, Wavelengths};
+use crate::wavelength::{SampledSpectrum, SampledWavelengths};
 use glam::Vec3;
 use std::sync::OnceLock;
 
@@ -64,14 +64,14 @@ impl Spectrum {
         }
     }
 
-    /// The same of light: where a path carries colours ([`Wavelengths::rgb`]), its linear sRGB in cd/m² of a radiance.
+    /// The same of light: where a path carries colours ([`SampledWavelengths::rgb`]), its linear sRGB in cd/m² of a radiance.
     #[inline]
-    pub fn sample_light(&self, wavelengths: &Wavelengths) -> Sampled {
+    pub fn sample_light(&self, wavelengths: &SampledWavelengths) -> SampledSpectrum {
         match self {
-            Spectrum::Table(table) if wavelengths.is_rgb() => Wavelengths::lanes(table.srgb_of_light()),
+            Spectrum::Table(table) if wavelengths.is_rgb() => SampledWavelengths::lanes(table.srgb_of_light()),
             Spectrum::Constant(value) if wavelengths.is_rgb() => {
                 static OF_ONE: OnceLock<Vec3> = OnceLock::new();
-                Wavelengths::lanes(*OF_ONE.get_or_init(|| srgb_of_light(|_| 1.0)) * *value)
+                SampledWavelengths::lanes(*OF_ONE.get_or_init(|| srgb_of_light(|_| 1.0)) * *value)
             }
             _ => self.sample(wavelengths),
         }
@@ -79,15 +79,15 @@ impl Spectrum {
 
     /// Values at the four wavelengths of a path.
     #[inline]
-    pub fn sample(&self, wavelengths: &Wavelengths) -> Sampled {
+    pub fn sample(&self, wavelengths: &SampledWavelengths) -> SampledSpectrum {
         match self {
-            Spectrum::Constant(value) => Sampled::splat(*value),
+            Spectrum::Constant(value) => SampledSpectrum::splat(*value),
             Spectrum::Sigmoid(sigmoid) => sigmoid.sample(wavelengths),
             Spectrum::RgbLight { scale, color } => color.sample(wavelengths) * (wavelengths.d65_one_nit() * *scale),
-            Spectrum::TableOfRgb { rgb, .. } if wavelengths.is_rgb() => Wavelengths::lanes(*rgb),
+            Spectrum::TableOfRgb { rgb, .. } if wavelengths.is_rgb() => SampledWavelengths::lanes(*rgb),
             Spectrum::Table(table) | Spectrum::TableOfRgb { table, .. } => {
                 let nm = wavelengths.nm;
-                Sampled::new(table.at(nm.x), table.at(nm.y), table.at(nm.z), table.at(nm.w))
+                SampledSpectrum::new(table.at(nm.x), table.at(nm.y), table.at(nm.z), table.at(nm.w))
             }
         }
     }
@@ -132,8 +132,11 @@ mod tests {
     #[test]
     fn rgb_lanes_take_the_numbers_of_a_table_as_they_are() {
         let spectrum = Spectrum::TableOfRgb { table: Table::new(400.0, 100.0, vec![1.0, 3.0]), rgb: Vec3::new(0.2, 0.9, 4.5) };
-        assert_eq!(spectrum.sample(&Wavelengths::rgb()), Sampled::new(0.2, 0.9, 4.5, 0.9));
-        assert_eq!(spectrum.sample(&Wavelengths::fixed([400.0, 450.0, 500.0, 600.0])), Sampled::new(1.0, 2.0, 3.0, 3.0));
+        assert_eq!(spectrum.sample(&SampledWavelengths::rgb()), SampledSpectrum::new(0.2, 0.9, 4.5, 0.9));
+        assert_eq!(
+            spectrum.sample(&SampledWavelengths::fixed([400.0, 450.0, 500.0, 600.0])),
+            SampledSpectrum::new(1.0, 2.0, 3.0, 3.0)
+        );
         assert_eq!(spectrum.at(450.0), 2.0);
     }
 

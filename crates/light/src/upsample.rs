@@ -4,7 +4,7 @@
 //! 2019). Colours are linear sRGB in 0..1; the spectrum has that colour under D65.
 
 use crate::upsample_fit::{NODES, brightness_of_node};
-use crate::wavelength::{Sampled, Wavelengths};
+use crate::wavelength::{SampledSpectrum, SampledWavelengths};
 use glam::{Vec3, Vec4};
 use std::sync::OnceLock;
 
@@ -102,9 +102,9 @@ impl Sigmoid {
 
     /// Reflectance, 0 to 1, at the wavelengths of a path; the colour itself in RGB lanes.
     #[inline]
-    pub fn sample(&self, wavelengths: &Wavelengths) -> Sampled {
+    pub fn sample(&self, wavelengths: &SampledWavelengths) -> SampledSpectrum {
         if wavelengths.is_rgb() {
-            return Wavelengths::lanes(self.rgb);
+            return SampledWavelengths::lanes(self.rgb);
         }
         let x = (wavelengths.nm - 580.0) * (1.0 / 200.0);
         let p = (x * self.c.x + self.c.y) * x + self.c.z;

@@ -11,7 +11,7 @@ use crate::table::Table;
 use glam::Vec4;
 
 /// A spectral quantity at the four wavelengths of a path.
-pub type Sampled = Vec4;
+pub type SampledSpectrum = Vec4;
 
 /// Shortest wavelength carried, nm.
 pub const FIRST_NM: f32 = 380.0;
@@ -22,13 +22,13 @@ const GUIDE: usize = 1024;
 
 /// The four wavelengths of one path.
 #[derive(Clone, Copy, Debug)]
-pub struct Wavelengths {
+pub struct SampledWavelengths {
     /// nm; the first is the hero.
     pub nm: Vec4,
     /// Monte Carlo weight 1 / (4 pdf), nm: ∫ f dλ ≈ Σ f(nmᵢ) weightᵢ.
     pub weight: Vec4,
     d65: Vec4,
-    /// Factor on the hero alone once the other wavelengths are given up, see [`Wavelengths::hero_only`].
+    /// Factor on the hero alone once the other wavelengths are given up, see [`SampledWavelengths::hero_only`].
     hero_factor: f32,
     /// The lanes stand for red, green, blue (and green again, which counts nothing).
     rgb: bool,
@@ -37,7 +37,7 @@ pub struct Wavelengths {
 /// Wavelengths (nm) that stand for red, green and blue where a spectrum has no colour, such as an index.
 pub const RGB_NM: [f32; 3] = [611.0, 549.0, 465.0];
 
-impl Wavelengths {
+impl SampledWavelengths {
     /// Four given wavelengths (nm) of weight 1: for tests and tables.
     pub fn fixed(nm: [f32; 4]) -> Self {
         Self::new(Vec4::from_array(nm), Vec4::ONE)
@@ -46,7 +46,7 @@ impl Wavelengths {
     fn new(nm: Vec4, weight: Vec4) -> Self {
         let white = d65_one_nit();
         let d65 = Vec4::new(white.at(nm.x), white.at(nm.y), white.at(nm.z), white.at(nm.w));
-        Wavelengths { nm, weight, d65, hero_factor: 4.0, rgb: false }
+        SampledWavelengths { nm, weight, d65, hero_factor: 4.0, rgb: false }
     }
 
     /// The same wavelengths on a ray that each of them, as the hero, would have drawn with a density of its own (any common unit; the first
@@ -54,21 +54,21 @@ impl Wavelengths {
     pub fn with_densities(self, densities: [f32; 4]) -> Self {
         let [hero, ..] = densities;
         let factor = densities.iter().sum::<f32>() / hero;
-        Wavelengths { hero_factor: if factor.is_finite() { factor } else { 4.0 }, ..self }
+        SampledWavelengths { hero_factor: if factor.is_finite() { factor } else { 4.0 }, ..self }
     }
 
     /// What the throughput is multiplied by where a body disperses and the path goes on with its hero alone: of the four ways to draw this
     /// path only the hero's is left, so the balance heuristic's weight, the hero's density over the sum of all, is divided out. 4 where
     /// all had the same density. Source: Wilkie et al. 2014, eq. 5; pbrt-v4's `TerminateSecondary` is the case of equal densities. The other lanes are 0.
     #[inline]
-    pub fn hero_only(&self) -> Sampled {
+    pub fn hero_only(&self) -> SampledSpectrum {
         Vec4::new(self.hero_factor, 0.0, 0.0, 0.0)
     }
 
     /// Three colours instead of wavelengths, as RGB renderers compute: to compare with them.
     pub fn rgb() -> Self {
         let [r, g, b] = RGB_NM;
-        Wavelengths {
+        SampledWavelengths {
             nm: Vec4::new(r, g, b, g),
             weight: Vec4::new(1.0, 1.0, 1.0, 0.0),
             d65: Vec4::ONE,
@@ -77,21 +77,21 @@ impl Wavelengths {
         }
     }
 
-    /// Whether the lanes are colours ([`Wavelengths::rgb`]).
+    /// Whether the lanes are colours ([`SampledWavelengths::rgb`]).
     #[inline]
     pub fn is_rgb(&self) -> bool {
         self.rgb
     }
 
-    /// A linear sRGB colour as lanes ([`Wavelengths::rgb`]): red, green, blue, and green again.
+    /// A linear sRGB colour as lanes ([`SampledWavelengths::rgb`]): red, green, blue, and green again.
     #[inline]
-    pub fn lanes(rgb: glam::Vec3) -> Sampled {
+    pub fn lanes(rgb: glam::Vec3) -> SampledSpectrum {
         Vec4::new(rgb.x, rgb.y, rgb.z, rgb.y)
     }
 
     /// D65 of 1 cd/m² at these wavelengths, W·m⁻²·sr⁻¹·nm⁻¹; looked up once a path because every RGB light needs it.
     #[inline]
-    pub fn d65_one_nit(&self) -> Sampled {
+    pub fn d65_one_nit(&self) -> SampledSpectrum {
         self.d65
     }
 }
@@ -146,7 +146,7 @@ impl WavelengthSampler {
         WavelengthSampler { pdf, cdf, guide, last: last as u16, rgb: false }
     }
 
-    /// Always [`Wavelengths::rgb`].
+    /// Always [`SampledWavelengths::rgb`].
     pub fn rgb() -> Self {
         WavelengthSampler { rgb: true, ..Self::uniform() }
     }
@@ -158,9 +158,9 @@ impl WavelengthSampler {
 
     /// The four wavelengths (nm) that belong to the uniform number `u` in [0, 1), with their weights 1 / (4 density).
     #[inline]
-    pub fn sample(&self, u: f32) -> Wavelengths {
+    pub fn sample(&self, u: f32) -> SampledWavelengths {
         if self.rgb {
-            return Wavelengths::rgb();
+            return SampledWavelengths::rgb();
         }
         let (mut nm, mut weight) = ([0.0; 4], [0.0; 4]);
         for i in 0..4 {
@@ -175,7 +175,7 @@ impl WavelengthSampler {
             nm[i] = FIRST_NM + bin as f32 + within;
             weight[i] = 0.25 / density;
         }
-        Wavelengths::new(Vec4::from_array(nm), Vec4::from_array(weight))
+        SampledWavelengths::new(Vec4::from_array(nm), Vec4::from_array(weight))
     }
 
     /// Probability density at a wavelength (nm), 1/nm; 0 outside 380–780 nm.

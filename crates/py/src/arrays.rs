@@ -1,6 +1,6 @@
 //! Arrays: ours as numpy arrays without a copy, theirs as slices.
 
-use crate::errors::Told;
+use crate::errors::PythonError;
 use diopter::image::Raster;
 use numpy::{Element, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -82,23 +82,24 @@ pub fn slice<'a, T: Element>(
     array: &'a PyReadonlyArrayDyn<'_, T>,
     name: &str,
     wanted: &[usize],
-) -> Result<(&'a [T], Vec<usize>), Told> {
+) -> Result<(&'a [T], Vec<usize>), PythonError> {
     let shape = array.shape().to_vec();
     let fits = shape.len() == wanted.len() && shape.iter().zip(wanted).all(|(s, w)| *w == 0 || s == w);
     if !fits {
         let text: Vec<String> = wanted.iter().map(|n| if *n == 0 { "any".into() } else { n.to_string() }).collect();
-        return Err(Told::value(name, format!("of shape {shape:?}"), format!("shape [{}]", text.join(", "))));
+        return Err(PythonError::value(name, format!("of shape {shape:?}"), format!("shape [{}]", text.join(", "))));
     }
-    let data =
-        array.as_slice().map_err(|_| Told::value(name, "not contiguous", "a C-contiguous array (numpy.ascontiguousarray)"))?;
+    let data = array
+        .as_slice()
+        .map_err(|_| PythonError::value(name, "not contiguous", "a C-contiguous array (numpy.ascontiguousarray)"))?;
     Ok((data, shape))
 }
 
 /// A raster with the numbers of an array `[row][column][channel]`.
-pub fn to_raster(array: &PyReadonlyArrayDyn<'_, f32>, name: &str, channels: usize) -> Result<Raster<f32>, Told> {
+pub fn to_raster(array: &PyReadonlyArrayDyn<'_, f32>, name: &str, channels: usize) -> Result<Raster<f32>, PythonError> {
     let (data, shape) = slice(array, name, &[0, 0, channels])?;
     if data.is_empty() {
-        return Err(Told::value(name, format!("of shape {shape:?}"), "at least one pixel"));
+        return Err(PythonError::value(name, format!("of shape {shape:?}"), "at least one pixel"));
     }
     Ok(Raster { width: shape[1], height: shape[0], channels: shape[2], data: data.to_vec() })
 }

@@ -4,8 +4,8 @@
 //! nothing of Python. They are a pool of our own and not rayon's global one: after a fork (`multiprocessing`, data loaders) the threads of the parent
 //! are gone, and whoever handed work to them would wait for ever. A process that finds itself forked makes a new pool.
 
-use crate::errors::Told;
-use diopter::expose::Watch;
+use crate::errors::PythonError;
+use diopter::expose::ProgressReporter;
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -29,11 +29,11 @@ struct Pools {
 
 static POOLS: Mutex<Pools> = Mutex::new(Pools { process: 0, pools: Vec::new() });
 
-fn checked(threads: Option<usize>) -> Result<usize, Told> {
+fn checked(threads: Option<usize>) -> Result<usize, PythonError> {
     match threads {
         None => Ok(THREADS.load(Ordering::Relaxed)),
         Some(n) if (1..=MOST_THREADS).contains(&n) => Ok(n),
-        Some(n) => Err(Told::value("threads", n.to_string(), format!("1 to {MOST_THREADS}, or None for one a core"))),
+        Some(n) => Err(PythonError::value("threads", n.to_string(), format!("1 to {MOST_THREADS}, or None for one a core"))),
     }
 }
 
@@ -45,7 +45,7 @@ pub fn set_threads(threads: Option<usize>) -> PyResult<()> {
     Ok(())
 }
 
-fn pool(threads: Option<usize>) -> Result<Arc<ThreadPool>, Told> {
+fn pool(threads: Option<usize>) -> Result<Arc<ThreadPool>, PythonError> {
     let wanted = checked(threads)?;
     let mut held = POOLS.lock().unwrap_or_else(PoisonError::into_inner);
     if held.process != std::process::id() {
@@ -57,8 +57,9 @@ fn pool(threads: Option<usize>) -> Result<Arc<ThreadPool>, Told> {
         return Ok(pool.clone());
     }
     let pool = ThreadPoolBuilder::new().num_threads(wanted).thread_name(|i| format!("diopter-{i}")).build();
-    let pool =
-        Arc::new(pool.map_err(|e| Told::value("threads", wanted.to_string(), format!("as many as the system gives: {e}")))?);
+    let pool = Arc::new(
+        pool.map_err(|e| PythonError::value("threads", wanted.to_string(), format!("as many as the system gives: {e}")))?,
+    );
     held.pools.push((wanted, pool.clone()));
     Ok(pool)
 }
@@ -69,7 +70,7 @@ pub fn run<T: Send>(
     py: Python<'_>,
     threads: Option<usize>,
     progress: Option<&Bound<'_, PyAny>>,
-    work: impl FnOnce(&Watch) -> T + Send,
+    work: impl FnOnce(&ProgressReporter) -> T + Send,
 ) -> PyResult<T> {
     let pool = pool(threads)?;
     let progress: Option<Py<PyAny>> = progress.map(|p| p.clone().unbind());
@@ -79,7 +80,8 @@ pub fn run<T: Send>(
             let (send, receive) = mpsc::channel();
             let worker = scope.spawn(|| {
                 let send = send;
-                let watch = Watch { cancel: &cancel, progress: &|part: f64| done.store(part.to_bits(), Ordering::Relaxed) };
+                let watch =
+                    ProgressReporter { cancel: &cancel, progress: &|part: f64| done.store(part.to_bits(), Ordering::Relaxed) };
                 // Nobody listens any more only if the waiting thread is gone, too.
                 let _ = send.send(pool.install(|| work(&watch)));
             });

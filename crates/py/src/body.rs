@@ -1,7 +1,7 @@
 //! Bodies: sensors by their data sheets.
 
 use crate::background;
-use crate::errors::Told;
+use crate::errors::PythonError;
 use diopter::sensor::emva::{Conditions, measure};
 use diopter::sensor::{Reading, Sensor};
 use diopter::shot::read_body;
@@ -27,14 +27,14 @@ impl Body {
     /// By name or from a data sheet (TOML).
     #[staticmethod]
     fn read(name: PathBuf) -> PyResult<Body> {
-        let sensor = read_body(&name.to_string_lossy()).map_err(Told::from)?;
+        let sensor = read_body(&name.to_string_lossy()).map_err(PythonError::from)?;
         Ok(Body { sensor: Arc::new(sensor) })
     }
 
     /// From the text of a data sheet.
     #[staticmethod]
     fn parse(text: &str, place: &str) -> PyResult<Body> {
-        Ok(Body { sensor: Arc::new(Sensor::parse(text, place).map_err(Told::from)?) })
+        Ok(Body { sensor: Arc::new(Sensor::parse(text, place).map_err(PythonError::from)?) })
     }
 
     #[getter]
@@ -112,7 +112,7 @@ impl Body {
             let cancelled = || watch.cancel.load(std::sync::atomic::Ordering::Relaxed);
             measure(&sensor, &conditions, &mut |_| if cancelled() { Err("the measurement was stopped".into()) } else { Ok(()) })
         })?;
-        let report = report.map_err(Told::from)?;
+        let report = report.map_err(PythonError::from)?;
         Ok(serde_json::to_string(&report).unwrap_or_else(|e| unreachable!("plain data becomes JSON: {e}")))
     }
 }

@@ -1,7 +1,7 @@
 //! Data sets: items as archives, and the folder they are gathered in. Who schedules is Python's matter.
 
 use crate::background;
-use crate::errors::Told;
+use crate::errors::PythonError;
 use diopter::dataset;
 use diopter::shot::{SceneCache, ShotError};
 use pyo3::prelude::*;
@@ -19,14 +19,14 @@ pub struct Dataset {
 /// A specification in JSON as TOML.
 #[pyfunction]
 pub fn specification(json: &str) -> PyResult<String> {
-    Ok(dataset::specification(json).map_err(Told::from)?)
+    Ok(dataset::specification(json).map_err(PythonError::from)?)
 }
 
 #[pymethods]
 impl Dataset {
     #[new]
     fn new(text: &str, place: &str, folder: PathBuf) -> PyResult<Dataset> {
-        let dataset = Arc::new(dataset::Dataset::new(text, place, &folder).map_err(Told::from)?);
+        let dataset = Arc::new(dataset::Dataset::new(text, place, &folder).map_err(PythonError::from)?);
         Ok(Dataset { dataset, scenes: Mutex::new(SceneCache::new()) })
     }
 
@@ -47,7 +47,7 @@ impl Dataset {
 
     /// What differs in an item, as JSON.
     fn parameters(&self, item: u64) -> PyResult<String> {
-        Ok(self.dataset.parameters_json(item).map_err(Told::from)?.to_string())
+        Ok(self.dataset.parameters_json(item).map_err(PythonError::from)?.to_string())
     }
 
     /// Name and items of each shard.
@@ -70,7 +70,7 @@ impl Dataset {
             let archive = self.dataset.make_item(item, scenes, watch, &mut |text| warnings.push(text.to_owned()))?;
             Ok((archive, warnings))
         })?;
-        let (archive, warnings) = made.map_err(Told::from)?;
+        let (archive, warnings) = made.map_err(PythonError::from)?;
         Ok((PyBytes::new(py, &archive), warnings))
     }
 }
@@ -85,7 +85,7 @@ pub struct DatasetFolder {
 impl DatasetFolder {
     #[new]
     fn new(dataset: &Bound<'_, Dataset>, path: PathBuf) -> PyResult<DatasetFolder> {
-        let folder = dataset::Folder::open(dataset.get().dataset.clone(), Path::new(&path)).map_err(Told::from)?;
+        let folder = dataset::Folder::open(dataset.get().dataset.clone(), Path::new(&path)).map_err(PythonError::from)?;
         Ok(DatasetFolder { folder: Mutex::new(folder) })
     }
 
@@ -97,12 +97,12 @@ impl DatasetFolder {
     /// Keeps an item that was made.
     fn keep(&self, py: Python<'_>, item: u64, archive: &[u8]) -> PyResult<()> {
         let kept = py.detach(|| self.folder.lock().unwrap_or_else(PoisonError::into_inner).keep(item, archive));
-        Ok(kept.map_err(Told::from)?)
+        Ok(kept.map_err(PythonError::from)?)
     }
 
     /// Packs all, and writes table and card. Answers with the names of the files.
     fn finish(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         let made = py.detach(|| self.folder.lock().unwrap_or_else(PoisonError::into_inner).finish());
-        Ok(made.map_err(Told::from)?.files)
+        Ok(made.map_err(PythonError::from)?.files)
     }
 }

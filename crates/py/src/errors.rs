@@ -11,78 +11,78 @@ use pyo3::prelude::*;
 
 /// An error on its way to Python.
 #[derive(Debug)]
-pub struct Told {
+pub struct PythonError {
     message: String,
     parts: ErrorParts,
 }
 
-impl Told {
+impl PythonError {
     /// A value that is not what was expected.
-    pub fn value(place: &str, found: impl Into<String>, expected: impl Into<String>) -> Told {
+    pub fn value(place: &str, found: impl Into<String>, expected: impl Into<String>) -> PythonError {
         let parts = ErrorParts::of_value(place, found, expected);
         let text = |part: &Option<String>| part.clone().unwrap_or_default();
-        Told { message: format!("{place} {}: expected {}", text(&parts.found), text(&parts.expected)), parts }
+        PythonError { message: format!("{place} {}: expected {}", text(&parts.found), text(&parts.expected)), parts }
     }
 
     /// Something that failed in a file.
-    pub fn file(path: &std::path::Path, reason: impl std::fmt::Display) -> Told {
+    pub fn file(path: &std::path::Path, reason: impl std::fmt::Display) -> PythonError {
         let place = path.display().to_string();
-        Told { message: format!("{place}: {reason}"), parts: ErrorParts { place: Some(place), ..Default::default() } }
+        PythonError { message: format!("{place}: {reason}"), parts: ErrorParts { place: Some(place), ..Default::default() } }
     }
 
     /// The same error, said of a file.
-    pub fn in_file(mut self, path: &std::path::Path) -> Told {
+    pub fn in_file(mut self, path: &std::path::Path) -> PythonError {
         self.message = format!("{}: {}", path.display(), self.message);
         self.parts.place = Some(path.display().to_string());
         self
     }
 }
 
-impl From<ShotError> for Told {
-    fn from(e: ShotError) -> Told {
-        Told { message: e.to_string(), parts: e.parts() }
+impl From<ShotError> for PythonError {
+    fn from(e: ShotError) -> PythonError {
+        PythonError { message: e.to_string(), parts: e.parts() }
     }
 }
 
-impl From<SceneError> for Told {
-    fn from(e: SceneError) -> Told {
+impl From<SceneError> for PythonError {
+    fn from(e: SceneError) -> PythonError {
         ShotError::from(e).into()
     }
 }
 
-impl From<SensorError> for Told {
-    fn from(e: SensorError) -> Told {
+impl From<SensorError> for PythonError {
+    fn from(e: SensorError) -> PythonError {
         ShotError::from(e).into()
     }
 }
 
-impl From<LensError> for Told {
-    fn from(e: LensError) -> Told {
+impl From<LensError> for PythonError {
+    fn from(e: LensError) -> PythonError {
         ShotError::from(e).into()
     }
 }
 
-impl From<RecipeError> for Told {
-    fn from(e: RecipeError) -> Told {
+impl From<RecipeError> for PythonError {
+    fn from(e: RecipeError) -> PythonError {
         ShotError::Recipe(e).into()
     }
 }
 
-impl From<HdrError> for Told {
-    fn from(e: HdrError) -> Told {
+impl From<HdrError> for PythonError {
+    fn from(e: HdrError) -> PythonError {
         let parts = ErrorParts::of_value(format!("raw image {}", e.number), &e.found, &e.expected);
-        Told { message: e.to_string(), parts }
+        PythonError { message: e.to_string(), parts }
     }
 }
 
-impl From<ImageError> for Told {
-    fn from(e: ImageError) -> Told {
-        Told { message: e.to_string(), parts: ErrorParts::default() }
+impl From<ImageError> for PythonError {
+    fn from(e: ImageError) -> PythonError {
+        PythonError { message: e.to_string(), parts: ErrorParts::default() }
     }
 }
 
-impl From<Told> for PyErr {
-    fn from(told: Told) -> PyErr {
+impl From<PythonError> for PyErr {
+    fn from(told: PythonError) -> PyErr {
         Python::attach(|py| {
             let made = || {
                 let class = py.import("diopter._errors")?.getattr("DiopterError")?;

@@ -2,7 +2,7 @@
 
 use crate::arrays::slice;
 use crate::background;
-use crate::errors::Told;
+use crate::errors::PythonError;
 use diopter::lens::analysis::Bench as Analysis;
 use diopter::lens::analysis::zernike::{self, Numbering};
 use diopter::lens::batch::{double, single};
@@ -51,17 +51,17 @@ impl Lens {
     /// By name or from a file.
     #[staticmethod]
     fn read(name: PathBuf) -> PyResult<Lens> {
-        Ok(Lens { prescription: read_lens(&name.to_string_lossy()).map_err(Told::from)? })
+        Ok(Lens { prescription: read_lens(&name.to_string_lossy()).map_err(PythonError::from)? })
     }
 
     /// From the text of a lens file; its name says the format by its ending.
     #[staticmethod]
     fn parse(text: &str, file: &str) -> PyResult<Lens> {
         let format = import::Format::of(file).ok_or_else(|| {
-            Told::value("lens", format!("\"{file}\""), format!("a name that ends in {}", import::Format::ENDINGS))
+            PythonError::value("lens", format!("\"{file}\""), format!("a name that ends in {}", import::Format::ENDINGS))
         })?;
         let read = import::read(text.as_bytes(), format, file).map_err(LensError::from);
-        Ok(Lens { prescription: read.map_err(Told::from)? })
+        Ok(Lens { prescription: read.map_err(PythonError::from)? })
     }
 
     fn to_toml(&self) -> String {
@@ -102,11 +102,11 @@ impl Lens {
     #[pyo3(signature = (focal_length_mm=None, f_number=None, focus_m=None))]
     fn bench(&self, focal_length_mm: Option<f64>, f_number: Option<f64>, focus_m: Option<f64>) -> PyResult<Bench> {
         if let Some(m) = focus_m.filter(|m| !(*m > 0.0)) {
-            return Err(Told::value("focus", format!("{m} m"), "a distance above 0, or infinity").into());
+            return Err(PythonError::value("focus", format!("{m} m"), "a distance above 0, or infinity").into());
         }
         let focus = focus_m.map(|m| Focus::at_mm(1000.0 * m));
         let film = focus.map_or(FilmPlace::AsPublished, FilmPlace::Focused);
-        let set = configure(&self.prescription, focal_length_mm, f_number, None, film).map_err(Told::from)?;
+        let set = configure(&self.prescription, focal_length_mm, f_number, None, film).map_err(PythonError::from)?;
         let object_distance = match focus {
             Some(Focus::Distance(mm)) => {
                 Some(mm.0 - FirstOrder::of(&set.system, &set.system.indices(REFERENCE_NM)).entrance_pupil_z)
@@ -138,27 +138,29 @@ impl Bench {
     }
 
     /// Fails unless every glass of the lens has an index at the wavelength.
-    fn check_nm(&self, nm: f64) -> Result<(), Told> {
+    fn check_nm(&self, nm: f64) -> Result<(), PythonError> {
         let (least, most) = WAVELENGTHS_NM.into_inner();
         if !WAVELENGTHS_NM.contains(&nm) {
-            return Err(Told::value("wavelength", format!("{nm} nm"), format!("{least} to {most} nm")));
+            return Err(PythonError::value("wavelength", format!("{nm} nm"), format!("{least} to {most} nm")));
         }
         match self.set.system.indices(nm).iter().all(|n| n.is_finite() && *n > 0.0) {
             true => Ok(()),
-            false => Err(Told::value("wavelength", format!("{nm} nm"), "one at which all glasses of this lens have an index")),
+            false => {
+                Err(PythonError::value("wavelength", format!("{nm} nm"), "one at which all glasses of this lens have an index"))
+            }
         }
     }
 }
 
-fn check_field(field_deg: f64) -> Result<(), Told> {
+fn check_field(field_deg: f64) -> Result<(), PythonError> {
     match field_deg.abs() <= 120.0 {
         true => Ok(()),
-        false => Err(Told::value("field", format!("{field_deg}°"), "an angle within 120 degrees")),
+        false => Err(PythonError::value("field", format!("{field_deg}°"), "an angle within 120 degrees")),
     }
 }
 
-fn no_light(field_deg: f64) -> Told {
-    Told::value("field", format!("{field_deg}°"), "a field from which light reaches the film")
+fn no_light(field_deg: f64) -> PythonError {
+    PythonError::value("field", format!("{field_deg}°"), "a field from which light reaches the film")
 }
 
 /// Rays that were traced: positions and directions `[ray][3]`, which came through, optical paths (mm) and fractions of the light.
@@ -191,7 +193,7 @@ macro_rules! tracer {
             let (nm, shape) = slice(wavelengths, "wavelengths", &[0])?;
             if shape[0] != 1 && shape[0] != count {
                 let found = format!("{} values for {count} rays", shape[0]);
-                return Err(Told::value("wavelengths", found, "one for all, or one a ray").into());
+                return Err(PythonError::value("wavelengths", found, "one for all, or one a ray").into());
             }
             // Every glass has an index there.
             const SURE_NM: std::ops::RangeInclusive<$float> = 300.0..=2500.0;
@@ -351,7 +353,7 @@ impl Bench {
         self.check_nm(nm)?;
         check_field(field_deg)?;
         if !(2..=1000).contains(&across) {
-            return Err(Told::value("rays", across.to_string(), "2 to 1000 across the pupil").into());
+            return Err(PythonError::value("rays", across.to_string(), "2 to 1000 across the pupil").into());
         }
         let found = background::run(py, None, None, |_| self.analysis().spot(field_deg, nm, nm, across, defocus_mm))?;
         let spot = found.ok_or_else(|| no_light(field_deg))?;
@@ -373,10 +375,10 @@ impl Bench {
         check_field(field_deg)?;
         wavelengths.iter().try_for_each(|nm| self.check_nm(*nm))?;
         if wavelengths.is_empty() || frequencies.is_empty() {
-            return Err(Told::value("frequencies and wavelengths", "none", "one of each at least").into());
+            return Err(PythonError::value("frequencies and wavelengths", "none", "one of each at least").into());
         }
         if let Some(bad) = frequencies.iter().find(|f| !(0.0..=10_000.0).contains(*f)) {
-            return Err(Told::value("frequency", bad.to_string(), "0 to 10000 cycles/mm").into());
+            return Err(PythonError::value("frequency", bad.to_string(), "0 to 10000 cycles/mm").into());
         }
         let colors: Vec<(f64, f64)> = wavelengths.iter().map(|nm| (*nm, 1.0)).collect();
         let found = background::run(py, None, None, |_| match geometric {
@@ -420,16 +422,16 @@ impl Bench {
         self.check_nm(nm)?;
         check_field(field_deg)?;
         if !(defocus_mm.abs() < 1e4) {
-            return Err(Told::value("defocus", format!("{defocus_mm} mm"), "a distance within 10 m").into());
+            return Err(PythonError::value("defocus", format!("{defocus_mm} mm"), "a distance within 10 m").into());
         }
         if let Some(bad) = pixel_mm.filter(|p| !(1e-6..=1.0).contains(p)) {
-            return Err(Told::value("pixel", format!("{} µm", 1e3 * bad), "0.001 to 1000 µm").into());
+            return Err(PythonError::value("pixel", format!("{} µm", 1e3 * bad), "0.001 to 1000 µm").into());
         }
         if let Some(bad) = pixels.filter(|n| !(8..=2048).contains(n)) {
-            return Err(Told::value("pixels", bad.to_string(), "8 to 2048 across").into());
+            return Err(PythonError::value("pixels", bad.to_string(), "8 to 2048 across").into());
         }
         if let Some(bad) = radii_mm.iter().find(|r| !(**r >= 0.0 && r.is_finite())) {
-            return Err(Told::value("radius", format!("{bad} mm"), "numbers from 0").into());
+            return Err(PythonError::value("radius", format!("{bad} mm"), "numbers from 0").into());
         }
         let found = background::run(py, threads, None, |_| {
             let analysis = self.analysis();
@@ -467,7 +469,7 @@ impl Bench {
         self.check_nm(nm)?;
         check_field(field_deg)?;
         if !(2..=1024).contains(&across) {
-            return Err(Told::value("rays_across", across.to_string(), "2 to 1024").into());
+            return Err(PythonError::value("rays_across", across.to_string(), "2 to 1024").into());
         }
         let found = background::run(py, threads, None, |_| self.analysis().wavefront(field_deg, nm, across))?;
         let w = found.ok_or_else(|| no_light(field_deg))?;
@@ -482,7 +484,7 @@ impl Bench {
     fn vignetting<'py>(&self, py: Python<'py>, heights_mm: Vec<f64>, nm: f64) -> PyResult<Bound<'py, PyArray2<f64>>> {
         self.check_nm(nm)?;
         if let Some(bad) = heights_mm.iter().find(|h| !h.is_finite()) {
-            return Err(Told::value("height", bad.to_string(), "finite numbers, mm").into());
+            return Err(PythonError::value("height", bad.to_string(), "finite numbers, mm").into());
         }
         let rows = background::run(py, None, None, |_| {
             let row = |height: &f64| {
@@ -510,7 +512,7 @@ pub fn zernike_fit<'py>(
     let numbering = if fringe { Numbering::Fringe } else { Numbering::Noll };
     let largest = numbering.largest();
     if !(1..=largest).contains(&terms) {
-        return Err(Told::value("terms", terms.to_string(), format!("1 to {largest}")).into());
+        return Err(PythonError::value("terms", terms.to_string(), format!("1 to {largest}")).into());
     }
     let pairs = places.chunks_exact(2).map(|p| DVec2::new(p[0], p[1])).zip(values.iter().copied());
     // The edge itself counts, however it was rounded.
@@ -518,7 +520,7 @@ pub fn zernike_fit<'py>(
     let found = background::run(py, None, None, |_| zernike::fit(&inside, numbering, terms))?;
     let fit = found.ok_or_else(|| {
         let expected = format!("more places of the unit disk than {terms} terms, all over it");
-        Told::value("pupil", format!("{} places", inside.len()), expected)
+        PythonError::value("pupil", format!("{} places", inside.len()), expected)
     })?;
     let names = (1..=terms).filter_map(|number| numbering.term(number)).map(|t| (t.n, t.m, t.name())).collect();
     Ok((PyArray1::from_vec(py, fit.coefficients), fit.residual_rms, names))

@@ -2,7 +2,7 @@
 
 use crate::arrays::{raster, to_raster};
 use crate::background;
-use crate::errors::Told;
+use crate::errors::PythonError;
 use crate::files;
 use crate::raw::RawImage;
 use diopter::develop::{Recipe, SETTINGS};
@@ -33,10 +33,10 @@ const ENCODINGS: [(&str, Encoding); 7] = [
     ("hlg", Encoding::Hlg),
 ];
 
-fn named<T: Copy>(what: &str, name: &str, all: &[(&str, T)]) -> Result<T, Told> {
+fn named<T: Copy>(what: &str, name: &str, all: &[(&str, T)]) -> Result<T, PythonError> {
     all.iter().find(|n| n.0 == name).map(|n| n.1).ok_or_else(|| {
         let names: Vec<&str> = all.iter().map(|n| n.0).collect();
-        Told::value(what, format!("\"{name}\""), format!("one of {}", names.join(", ")))
+        PythonError::value(what, format!("\"{name}\""), format!("one of {}", names.join(", ")))
     })
 }
 
@@ -82,7 +82,7 @@ impl Picture {
     /// The bytes of a PNG of 8 or 16 bits.
     fn to_png<'py>(&self, py: Python<'py>, bits: u32) -> PyResult<Bound<'py, PyBytes>> {
         let depth = depth(bits)?;
-        let bytes = background::run(py, None, None, |_| -> Result<_, Told> {
+        let bytes = background::run(py, None, None, |_| -> Result<_, PythonError> {
             let mut bytes = Vec::new();
             png::write(&*self.picture, depth, &mut bytes)?;
             Ok(bytes)
@@ -92,14 +92,14 @@ impl Picture {
 
     fn save(&self, py: Python<'_>, path: PathBuf, quality: u8, bits: u32) -> PyResult<()> {
         if !(1..=100).contains(&quality) {
-            return Err(Told::value("quality", quality.to_string(), "1 to 100").into());
+            return Err(PythonError::value("quality", quality.to_string(), "1 to 100").into());
         }
         let depth = depth(bits)?;
         let picture = &*self.picture;
         let ending = files::ending(&path);
         if !["jpg", "jpeg", "png", "tif", "tiff", "exr"].contains(&ending.as_str()) {
             let expected = "a name that ends in .jpg, .png, .tif or .exr";
-            return Err(Told::value("path", path.display().to_string(), expected).into());
+            return Err(PythonError::value("path", path.display().to_string(), expected).into());
         }
         let written = background::run(py, None, None, |_| {
             files::write(&path, |to| {
@@ -116,18 +116,18 @@ impl Picture {
     }
 }
 
-fn depth(bits: u32) -> Result<png::Depth, Told> {
+fn depth(bits: u32) -> Result<png::Depth, PythonError> {
     match bits {
         8 => Ok(png::Depth::Eight),
         16 => Ok(png::Depth::Sixteen),
-        other => Err(Told::value("bits", other.to_string(), "8 or 16")),
+        other => Err(PythonError::value("bits", other.to_string(), "8 or 16")),
     }
 }
 
 /// A recipe from its preset or file and settings by name.
-pub fn recipe(preset: Option<&str>, file: Option<PathBuf>, settings: &[(String, String)]) -> Result<Recipe, Told> {
+pub fn recipe(preset: Option<&str>, file: Option<PathBuf>, settings: &[(String, String)]) -> Result<Recipe, PythonError> {
     let start = match (preset, file) {
-        (Some(_), Some(_)) => return Err(Told::value("preset", "a preset and a recipe file", "one of the two")),
+        (Some(_), Some(_)) => return Err(PythonError::value("preset", "a preset and a recipe file", "one of the two")),
         (Some(name), None) => Recipe::preset(name)?,
         (None, Some(path)) => recipe_file::read(&path)?,
         (None, None) => Recipe::default(),
@@ -147,10 +147,10 @@ pub fn develop(
     threads: Option<usize>,
 ) -> PyResult<Picture> {
     let recipe = recipe(preset, recipe_file, &settings)?;
-    let lut = diopter::recipe_file::lut(&recipe).map_err(Told::from)?;
+    let lut = diopter::recipe_file::lut(&recipe).map_err(PythonError::from)?;
     let raw = raw.get().raw.clone();
     let picture = background::run(py, threads, None, |_| diopter::develop::develop(&raw, &recipe, lut))?;
-    Ok(Picture { picture: Arc::new(picture.map_err(Told::from)?) })
+    Ok(Picture { picture: Arc::new(picture.map_err(PythonError::from)?) })
 }
 
 /// (name, unit, what is allowed, default, why) of every setting of the development.

@@ -3,7 +3,7 @@
 use crate::arrays::{raster, slice, to_raster, view};
 use crate::background;
 use crate::body::Body;
-use crate::errors::Told;
+use crate::errors::PythonError;
 use crate::files;
 use diopter::develop::denoise;
 use diopter::files::open;
@@ -131,12 +131,12 @@ impl FocalPlane {
     ) -> PyResult<FocalPlane> {
         let sensor = body.get().sensor.clone();
         let plane = background::run(py, threads, None, |_| of_plane(&self.plane, &sensor, exposure_s, t_number))?;
-        Ok(FocalPlane { plane: Arc::new(plane.map_err(Told::from)?), sensor: Some(sensor) })
+        Ok(FocalPlane { plane: Arc::new(plane.map_err(PythonError::from)?), sensor: Some(sensor) })
     }
 
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         if files::ending(&path) != "exr" {
-            return Err(Told::value("path", path.display().to_string(), "a name that ends in .exr").into());
+            return Err(PythonError::value("path", path.display().to_string(), "a name that ends in .exr").into());
         }
         let written =
             background::run(py, None, None, |_| files::write(&path, |to| Ok(exr::write_focal_plane(&self.plane, to)?)))?;
@@ -145,16 +145,16 @@ impl FocalPlane {
 
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<FocalPlane> {
-        let read = background::run(py, None, None, |_| -> Result<_, Told> {
-            let file = open(&path).map_err(|e| Told::file(&path, e))?;
-            exr::read_focal_plane(file).map_err(|e| Told::from(e).in_file(&path))
+        let read = background::run(py, None, None, |_| -> Result<_, PythonError> {
+            let file = open(&path).map_err(|e| PythonError::file(&path, e))?;
+            exr::read_focal_plane(file).map_err(|e| PythonError::from(e).in_file(&path))
         })?;
         Ok(FocalPlane { plane: Arc::new(read?), sensor: None })
     }
 
     /// The bytes of its file.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let bytes = background::run(py, None, None, |_| -> Result<_, Told> {
+        let bytes = background::run(py, None, None, |_| -> Result<_, PythonError> {
             let mut to = Cursor::new(Vec::new());
             exr::write_focal_plane(&self.plane, &mut to)?;
             Ok(to.into_inner())
@@ -165,7 +165,7 @@ impl FocalPlane {
     #[staticmethod]
     fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<FocalPlane> {
         let read = background::run(py, None, None, |_| exr::read_focal_plane(Cursor::new(bytes)))?;
-        Ok(FocalPlane { plane: Arc::new(read.map_err(Told::from)?), sensor: None })
+        Ok(FocalPlane { plane: Arc::new(read.map_err(PythonError::from)?), sensor: None })
     }
 
     /// The mean scaled to 0..1 by its 99th percentile and encoded as sRGB, `[row][column][3]`: to look at.
@@ -192,7 +192,7 @@ impl FocalPlane {
 pub fn merge(py: Python<'_>, parts: Vec<Py<FocalPlane>>) -> PyResult<FocalPlane> {
     let sensor = parts.first().and_then(|p| p.get().sensor.clone());
     let planes: Vec<image::FocalPlane> = parts.iter().map(|p| (*p.get().plane).clone()).collect();
-    let whole = py.detach(|| image::FocalPlane::merge(&planes)).map_err(Told::from)?;
+    let whole = py.detach(|| image::FocalPlane::merge(&planes)).map_err(PythonError::from)?;
     Ok(FocalPlane { plane: Arc::new(whole), sensor })
 }
 
@@ -217,5 +217,5 @@ pub fn from_light(
     let place = t_number.map_or(Place::Sensor, |t_number| Place::Scene { t_number });
     let sensor = body.get().sensor.clone();
     let plane = background::run(py, threads, None, |_| focal_plane(&light, &channels, place, depth, &sensor, exposure_s))?;
-    Ok(FocalPlane { plane: Arc::new(plane.map_err(Told::from)?), sensor: Some(sensor) })
+    Ok(FocalPlane { plane: Arc::new(plane.map_err(PythonError::from)?), sensor: Some(sensor) })
 }

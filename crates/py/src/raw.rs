@@ -3,7 +3,7 @@
 use crate::arrays::view;
 use crate::background;
 use crate::body::Body;
-use crate::errors::Told;
+use crate::errors::PythonError;
 use crate::files;
 use crate::plane::FocalPlane;
 use diopter::develop::Recipe;
@@ -27,12 +27,12 @@ pub struct RawImage {
     pub raw: Arc<image::RawImage>,
 }
 
-fn storage(name: &str) -> Result<Storage, Told> {
+fn storage(name: &str) -> Result<Storage, PythonError> {
     match name {
         "16" => Ok(Storage::Sixteen),
         "packed" => Ok(Storage::Packed),
         "lossless" => Ok(Storage::Lossless),
-        other => Err(Told::value("storage", format!("\"{other}\""), "16, packed or lossless")),
+        other => Err(PythonError::value("storage", format!("\"{other}\""), "16, packed or lossless")),
     }
 }
 
@@ -110,7 +110,7 @@ impl RawImage {
 
     fn save(&self, py: Python<'_>, path: PathBuf, storage: &str) -> PyResult<()> {
         if files::ending(&path) != "dng" {
-            return Err(Told::value("path", path.display().to_string(), "a name that ends in .dng").into());
+            return Err(PythonError::value("path", path.display().to_string(), "a name that ends in .dng").into());
         }
         let storage = self::storage(storage)?;
         let written = background::run(py, None, None, |_| {
@@ -121,16 +121,16 @@ impl RawImage {
 
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<RawImage> {
-        let read = background::run(py, None, None, |_| -> Result<_, Told> {
-            let file = open(&path).map_err(|e| Told::file(&path, e))?;
-            dng::read(file).map_err(|e| Told::from(e).in_file(&path))
+        let read = background::run(py, None, None, |_| -> Result<_, PythonError> {
+            let file = open(&path).map_err(|e| PythonError::file(&path, e))?;
+            dng::read(file).map_err(|e| PythonError::from(e).in_file(&path))
         })?;
         Ok(RawImage { raw: Arc::new(read?) })
     }
 
     /// The bytes of its file, without a preview.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let bytes = background::run(py, None, None, |_| -> Result<_, Told> {
+        let bytes = background::run(py, None, None, |_| -> Result<_, PythonError> {
             let mut to = Cursor::new(Vec::new());
             dng::write_image(&self.raw, Storage::Lossless, None, &mut to)?;
             Ok(to.into_inner())
@@ -141,12 +141,12 @@ impl RawImage {
     #[staticmethod]
     fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<RawImage> {
         let read = background::run(py, None, None, |_| dng::read(Cursor::new(bytes)))?;
-        Ok(RawImage { raw: Arc::new(read.map_err(Told::from)?) })
+        Ok(RawImage { raw: Arc::new(read.map_err(PythonError::from)?) })
     }
 }
 
 /// The body that reads a plane: the one given, or the one it was exposed with; and whether it is the latter.
-fn body_of(plane: &FocalPlane, body: Option<&Bound<'_, Body>>) -> Result<(Arc<Sensor>, bool), Told> {
+fn body_of(plane: &FocalPlane, body: Option<&Bound<'_, Body>>) -> Result<(Arc<Sensor>, bool), PythonError> {
     if let Some(body) = body {
         return Ok((body.get().sensor.clone(), false));
     }
@@ -156,7 +156,7 @@ fn body_of(plane: &FocalPlane, body: Option<&Bound<'_, Body>>) -> Result<(Arc<Se
     let name = &plane.plane.facts.body;
     let named = Sensor::names().filter_map(|n| Sensor::named(n).ok()).find(|s| s.name == *name);
     let named = named.ok_or_else(|| {
-        Told::value(
+        PythonError::value(
             "body",
             format!("\"{name}\", with which the plane was exposed and which is not embedded"),
             "a body to read it with",
@@ -202,9 +202,9 @@ pub fn read_out(
     let plane = plane.get();
     let (sensor, own) = body_of(plane, body)?;
     let reading = reading(plane, (&sensor, own), iso, seed, serial, temperature_c, white);
-    let white = white_point(white).map_err(Told::from)?;
+    let white = white_point(white).map_err(PythonError::from)?;
     let raw = background::run(py, threads, None, |_| diopter::sensor::read_out(&plane.plane, &sensor, &reading, &white))?;
-    Ok(RawImage { raw: Arc::new(raw.map_err(Told::from)?) })
+    Ok(RawImage { raw: Arc::new(raw.map_err(PythonError::from)?) })
 }
 
 /// What a read-out is expected to give: DN without noise of time, variance (e⁻²), whether a pixel is full.
@@ -232,7 +232,7 @@ pub fn expected<'py>(
         let window = Window { first: 0, data: &exposed.mean.data };
         Ok((0..size[1]).into_par_iter().map(|row| reader.expected(&window, row)).collect::<Vec<_>>())
     })?;
-    let rows = rows.map_err(Told::from)?;
+    let rows = rows.map_err(PythonError::from)?;
     let all = || rows.iter().flatten();
     let width = all().count().checked_div(size[1]).unwrap_or(0);
     let shape = [size[1], width];
@@ -248,5 +248,5 @@ pub fn expected<'py>(
 pub fn merge_raws(py: Python<'_>, raws: Vec<Py<RawImage>>) -> PyResult<RawImage> {
     let raws: Vec<image::RawImage> = raws.iter().map(|r| (*r.get().raw).clone()).collect();
     let merged = background::run(py, None, None, |_| hdr::merge(&raws))?;
-    Ok(RawImage { raw: Arc::new(merged.map_err(Told::from)?) })
+    Ok(RawImage { raw: Arc::new(merged.map_err(PythonError::from)?) })
 }

@@ -2,7 +2,7 @@
 
 use crate::arrays::{slice, to_raster};
 use crate::background;
-use crate::errors::Told;
+use crate::errors::PythonError;
 use diopter::light::Spectrum;
 use diopter::light::spectrum::blackbody_with_luminance;
 use diopter::scene::light::{Environment, Modulation, Punctual, PunctualKind};
@@ -34,21 +34,21 @@ pub fn scene_names() -> Vec<&'static str> {
 }
 
 /// A point or direction of three finite numbers.
-fn finite(name: &str, v: [f32; 3]) -> Result<Vec3, Told> {
+fn finite(name: &str, v: [f32; 3]) -> Result<Vec3, PythonError> {
     let v = Vec3::from_array(v);
-    if v.is_finite() { Ok(v) } else { Err(Told::value(name, v.to_string(), "three finite numbers")) }
+    if v.is_finite() { Ok(v) } else { Err(PythonError::value(name, v.to_string(), "three finite numbers")) }
 }
 
 /// A light's colour: three numbers from 0 on.
-fn light(name: &str, rgb: [f32; 3]) -> Result<Spectrum, Told> {
+fn light(name: &str, rgb: [f32; 3]) -> Result<Spectrum, PythonError> {
     match rgb.iter().all(|v| *v >= 0.0 && v.is_finite()) {
         true => Ok(Spectrum::light_from_rgb(Vec3::from_array(rgb))),
-        false => Err(Told::value(name, format!("{rgb:?}"), "red, green and blue from 0 on")),
+        false => Err(PythonError::value(name, format!("{rgb:?}"), "red, green and blue from 0 on")),
     }
 }
 
-fn direction(name: &str, v: [f32; 3]) -> Result<Vec3, Told> {
-    finite(name, v)?.try_normalize().ok_or_else(|| Told::value(name, "0, 0, 0", "a direction of some length"))
+fn direction(name: &str, v: [f32; 3]) -> Result<Vec3, PythonError> {
+    finite(name, v)?.try_normalize().ok_or_else(|| PythonError::value(name, "0, 0, 0", "a direction of some length"))
 }
 
 impl Scene {
@@ -60,15 +60,15 @@ impl Scene {
         Arc::make_mut(&mut self.description)
     }
 
-    fn material_number(&self, material: u32) -> Result<u32, Told> {
+    fn material_number(&self, material: u32) -> Result<u32, PythonError> {
         let count = self.description.materials.len();
         match (material as usize) < count {
             true => Ok(material),
-            false => Err(Told::value("material", material.to_string(), format!("a number below {count}"))),
+            false => Err(PythonError::value("material", material.to_string(), format!("a number below {count}"))),
         }
     }
 
-    fn add(&mut self, name: String, shape: Shape, material: u32) -> Result<(), Told> {
+    fn add(&mut self, name: String, shape: Shape, material: u32) -> Result<(), PythonError> {
         let material = self.material_number(material)?;
         self.edit().objects.push(Object::new(name, shape, material));
         Ok(())
@@ -86,7 +86,7 @@ impl Scene {
     #[pyo3(signature = (name, strict=false))]
     fn read(py: Python<'_>, name: PathBuf, strict: bool) -> PyResult<Scene> {
         let description =
-            background::run(py, None, None, |_| read_scene(&name.to_string_lossy(), strict))?.map_err(Told::from)?;
+            background::run(py, None, None, |_| read_scene(&name.to_string_lossy(), strict))?.map_err(PythonError::from)?;
         Ok(Scene::of(description))
     }
 
@@ -142,11 +142,11 @@ impl Scene {
             let v = number(key, default);
             match (low..=high).contains(&v) {
                 true => Ok(v),
-                false => Err(Told::value(key, v.to_string(), format!("{low} to {high}"))),
+                false => Err(PythonError::value(key, v.to_string(), format!("{low} to {high}"))),
             }
         };
         if !color.iter().all(|v| (0.0..=1.0).contains(v)) {
-            return Err(Told::value("color", format!("{color:?}"), "reflectances from 0 to 1, linear sRGB").into());
+            return Err(PythonError::value("color", format!("{color:?}"), "reflectances from 0 to 1, linear sRGB").into());
         }
         let base = match &texture {
             None => Color::rgb(color[0], color[1], color[2]),
@@ -165,7 +165,7 @@ impl Scene {
             "conductor" => {
                 let metal = metal.unwrap_or("aluminium");
                 let conductor = Conductor::metal(metal, roughness * roughness).ok_or_else(|| {
-                    Told::value("metal", format!("\"{metal}\""), format!("one of {}", Conductor::METALS.join(", ")))
+                    PythonError::value("metal", format!("\"{metal}\""), format!("one of {}", Conductor::METALS.join(", ")))
                 })?;
                 Material::new(name, Scattering::Conductor(conductor))
             }
@@ -189,14 +189,14 @@ impl Scene {
             }
             other => {
                 let expected = "black, diffuse, conductor, dielectric or principled";
-                return Err(Told::value("material", format!("\"{other}\""), expected).into());
+                return Err(PythonError::value("material", format!("\"{other}\""), expected).into());
             }
         };
         let radiance = match (emission, numbers.get("kelvin")) {
             (Some(rgb), _) => Some(light("emission", rgb)?),
             (None, Some(kelvin)) => {
                 if !(500.0..=50_000.0).contains(kelvin) {
-                    return Err(Told::value("temperature", format!("{kelvin} K"), "500 to 50000 K").into());
+                    return Err(PythonError::value("temperature", format!("{kelvin} K"), "500 to 50000 K").into());
                 }
                 Some(blackbody_with_luminance(*kelvin, within("luminance", 1000.0, 0.0, 1e12)?))
             }
@@ -229,12 +229,14 @@ impl Scene {
         let (positions, shape) = slice(&vertices, "vertices", &[0, 3])?;
         let count = shape[0];
         if let Some(bad) = positions.iter().position(|v| !v.is_finite()) {
-            return Err(Told::value("vertices", format!("{} in row {}", positions[bad], bad / 3), "finite numbers, m").into());
+            return Err(
+                PythonError::value("vertices", format!("{} in row {}", positions[bad], bad / 3), "finite numbers, m").into()
+            );
         }
         let (corners, _) = slice(&faces, "faces", &[0, 3])?;
         if let Some(bad) = corners.iter().position(|i| *i as usize >= count) {
             let expected = format!("numbers below {count}, the number of vertices");
-            return Err(Told::value("faces", format!("{} in row {}", corners[bad], bad / 3), expected).into());
+            return Err(PythonError::value("faces", format!("{} in row {}", corners[bad], bad / 3), expected).into());
         }
         let vec3 = |data: &[f32]| data.chunks_exact(3).map(Vec3::from_slice).collect::<Vec<_>>();
         let mut mesh = Mesh {
@@ -256,7 +258,7 @@ impl Scene {
                 let place = Affine3A { matrix3: Mat3A::from_cols(column(0), column(1), column(2)), translation: column(3) };
                 if !place.is_finite() || place.matrix3.determinant() == 0.0 || rows[3] != [0.0, 0.0, 0.0, 1.0] {
                     let expected = "an affine 4 × 4 matrix that can be inverted, its last row 0, 0, 0, 1";
-                    return Err(Told::value("transform", format!("{rows:?}"), expected).into());
+                    return Err(PythonError::value("transform", format!("{rows:?}"), expected).into());
                 }
                 place
             }
@@ -271,7 +273,7 @@ impl Scene {
     fn add_sphere(&mut self, name: String, center: [f32; 3], radius: f32, material: u32) -> PyResult<()> {
         let center = finite("center", center)?;
         if !(radius > 0.0 && radius.is_finite()) {
-            return Err(Told::value("radius", radius.to_string(), "a length above 0, m").into());
+            return Err(PythonError::value("radius", radius.to_string(), "a length above 0, m").into());
         }
         Ok(self.add(name, Shape::Sphere(Sphere { center, radius }), material)?)
     }
@@ -279,7 +281,7 @@ impl Scene {
     fn add_quad(&mut self, name: String, corner: [f32; 3], edges: [[f32; 3]; 2], material: u32) -> PyResult<()> {
         let quad = Quad { corner: finite("corner", corner)?, edges: [finite("edge", edges[0])?, finite("edge", edges[1])?] };
         if !(quad.area() > 0.0) {
-            return Err(Told::value("edges", format!("{edges:?}"), "two edges that span an area").into());
+            return Err(PythonError::value("edges", format!("{edges:?}"), "two edges that span an area").into());
         }
         Ok(self.add(name, Shape::Quad(quad), material)?)
     }
@@ -298,7 +300,7 @@ impl Scene {
         let kind = match diameter_deg {
             0.0 => PunctualKind::Directional { direction },
             d if d > 0.0 && d <= 90.0 => PunctualKind::Disc { direction, half_angle: 0.5 * d.to_radians() },
-            d => return Err(Told::value("diameter_deg", d.to_string(), "0 to 90 degrees").into()),
+            d => return Err(PythonError::value("diameter_deg", d.to_string(), "0 to 90 degrees").into()),
         };
         let light = Punctual::new(name, light("illuminance", illuminance)?, kind);
         self.edit().punctual.push(light);
@@ -310,7 +312,7 @@ impl Scene {
         let map = to_raster(&map, "environment", 3)?;
         if !(scale >= 0.0 && scale.is_finite() && rotation_deg.is_finite()) {
             let found = format!("scale {scale}, rotation {rotation_deg}°");
-            return Err(Told::value("environment", found, "finite numbers, the scale not negative").into());
+            return Err(PythonError::value("environment", found, "finite numbers, the scale not negative").into());
         }
         let place = Mat3::from_rotation_y(rotation_deg.to_radians());
         self.edit().environment = Some(Environment::new(map, place, scale));

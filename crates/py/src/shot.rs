@@ -2,13 +2,13 @@
 
 use crate::background;
 use crate::body::Body;
-use crate::errors::Told;
+use crate::errors::PythonError;
 use crate::lens::Lens;
 use crate::picture::Picture;
 use crate::plane::FocalPlane;
 use crate::raw::RawImage;
 use crate::scene::Scene;
-use diopter::expose::Watch;
+use diopter::expose::ProgressReporter;
 use diopter::focus::Report;
 use diopter::lens::Prescription;
 use diopter::quantity::SpectralBands;
@@ -51,7 +51,7 @@ impl Request {
             "radiance" => Records::Luminance,
             bands => {
                 let expected = "electrons, radiance, or whole spectral bands within 380 to 780 nm such as 400..700/10nm";
-                Records::Spectral(bands.parse().map_err(|_| Told::value("record", format!("\"{bands}\""), expected))?)
+                Records::Spectral(bands.parse().map_err(|_| PythonError::value("record", format!("\"{bands}\""), expected))?)
             }
         };
         Ok(Request {
@@ -64,7 +64,7 @@ impl Request {
     }
 
     /// The shot, focused and metered.
-    fn prepared(&self, watch: &Watch, warnings: &mut Vec<String>) -> Result<(Shot, Option<Report>), ShotError> {
+    fn prepared(&self, watch: &ProgressReporter, warnings: &mut Vec<String>) -> Result<(Shot, Option<Report>), ShotError> {
         let mut warn = |text: &str| warnings.push(text.to_owned());
         if self.file.camera.dual_pixel {
             let expected = "whole pixels here: `shoot --dual-pixel` of the command line takes both photodiodes".into();
@@ -90,7 +90,7 @@ impl Request {
             Records::Spectral(bands) => shot.spectral = Some(*bands),
         }
         // The bar is the exposure's; these take moments.
-        let quiet = Watch { cancel: watch.cancel, progress: &|_| () };
+        let quiet = ProgressReporter { cancel: watch.cancel, progress: &|_| () };
         let report = shot.focus(&quiet, &mut warn)?;
         shot.meter(&quiet, &mut warn)?;
         Ok((shot, report))
@@ -98,9 +98,10 @@ impl Request {
 }
 
 /// The settings of a shot file, from JSON. Fails with the name of the setting that is wrong.
-fn shot_file(settings: &str) -> Result<ShotFile, Told> {
-    let wrong =
-        |e: &serde_json::Error| Told::value("settings", format!("not the settings of a shot: {e}"), "sections of a shot file");
+fn shot_file(settings: &str) -> Result<ShotFile, PythonError> {
+    let wrong = |e: &serde_json::Error| {
+        PythonError::value("settings", format!("not the settings of a shot: {e}"), "sections of a shot file")
+    };
     let whole: Value = serde_json::from_str(settings).map_err(|e| wrong(&e))?;
     let e = match serde_json::from_value::<ShotFile>(whole.clone()) {
         Ok(file) => return Ok(file),
@@ -112,7 +113,7 @@ fn shot_file(settings: &str) -> Result<ShotFile, Told> {
         for (key, found) in keys.as_object().into_iter().flatten() {
             let alone = serde_json::json!({ section: { key: found } });
             if let Err(e) = serde_json::from_value::<ShotFile>(alone) {
-                return Err(Told::value(&format!("{section}.{key}"), found.to_string(), e.to_string()));
+                return Err(PythonError::value(&format!("{section}.{key}"), found.to_string(), e.to_string()));
             }
         }
     }
@@ -139,7 +140,7 @@ pub fn expose(
         let plane = shot.expose(watch)?;
         Ok((plane, Arc::new(shot.sensor), warnings))
     })?;
-    let (plane, sensor, warnings) = taken.map_err(Told::from)?;
+    let (plane, sensor, warnings) = taken.map_err(PythonError::from)?;
     Ok((FocalPlane { plane: Arc::new(plane), sensor: Some(sensor) }, warnings))
 }
 
@@ -164,7 +165,7 @@ pub fn shoot(
         let picture = shot.develop(&raw)?;
         Ok((plane, raw, picture, Arc::new(shot.sensor), warnings))
     })?;
-    let (plane, raw, picture, sensor, warnings) = taken.map_err(Told::from)?;
+    let (plane, raw, picture, sensor, warnings) = taken.map_err(PythonError::from)?;
     Ok((
         FocalPlane { plane: Arc::new(plane), sensor: Some(sensor) },
         RawImage { raw: Arc::new(raw) },
@@ -191,7 +192,7 @@ pub fn meter(
         let (shot, report) = request.prepared(watch, &mut warnings)?;
         Ok((shot.facts(), report, warnings))
     })?;
-    let (facts, report, warnings) = taken.map_err(Told::from)?;
+    let (facts, report, warnings) = taken.map_err(PythonError::from)?;
     let json = |v: serde_json::Result<String>| v.unwrap_or_else(|e| unreachable!("plain data becomes JSON: {e}"));
     Ok((json(serde_json::to_string(&facts)), json(serde_json::to_string(&report)), warnings))
 }

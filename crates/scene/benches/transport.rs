@@ -5,9 +5,9 @@
 //! again, as often as a path does it on average (what is left is bookkeeping, waiting for memory and textures). Without arguments a box of 36
 //! triangles and a sphere of two million; arguments name embedded scenes instead. Medians of five.
 
-use diopter_light::random::{Sampler, SamplerKind, Set};
+use diopter_light::random::{Dimensions, Sampler, SamplerKind};
 use diopter_light::wavelength::WavelengthSampler;
-use diopter_light::{Ray, Wavelengths, sampling};
+use diopter_light::{Ray, SampledWavelengths, sampling};
 use diopter_scene::material::{Material, Scattering};
 use diopter_scene::shape::{Mesh, Surface, offset_origin};
 use diopter_scene::texture::Color;
@@ -76,7 +76,12 @@ fn main() {
 }
 
 /// Scattering events of a path, on average: some paths are walked without lamps.
-fn mean_events(scene: &Scene, primary: &[Ray], wavelengths: &Wavelengths, sampler_of: impl Fn(u32, u32) -> Sampler) -> f64 {
+fn mean_events(
+    scene: &Scene,
+    primary: &[Ray],
+    wavelengths: &SampledWavelengths,
+    sampler_of: impl Fn(u32, u32) -> Sampler,
+) -> f64 {
     let (mut events, mut walked) = (0u32, 0u32);
     for (i, ray) in primary.iter().enumerate().step_by(37) {
         let (mut ray, sampler, mut left) = (*ray, sampler_of(i as u32, 1), 1.0);
@@ -85,7 +90,7 @@ fn mean_events(scene: &Scene, primary: &[Ray], wavelengths: &Wavelengths, sample
             let Some(s) = scene.intersect(&ray, f32::INFINITY) else { break };
             let Some(bsdf) = scene.material(s.object).bsdf(&s, -ray.direction, wavelengths, false, None) else { break };
             events += 1;
-            let u = sampler.get(Set::Scatter(vertex));
+            let u = sampler.get(Dimensions::Scatter(vertex));
             let Some(scatter) = bsdf.sample(u) else { break };
             left *= scatter.weight.max_element();
             if vertex >= PathSettings::default().roulette_depth {
@@ -119,7 +124,7 @@ fn measure(title: &str, description: Description, [look_from, look_at]: [Vec3; 2
         .iter()
         .map(|(i, s)| {
             let n = side(s, &primary[*i]);
-            let [u, v, ..] = sampler_of(*i as u32, 0).get(Set::Scatter(0));
+            let [u, v, ..] = sampler_of(*i as u32, 0).get(Dimensions::Scatter(0));
             let (d, (x, y)) = (sampling::cosine_hemisphere([u, v]), sampling::frame(n));
             Ray { origin: offset_origin(s.point, n), direction: x * d.x + y * d.y + n * d.z, time_s: 0.0 }
         })
@@ -128,7 +133,7 @@ fn measure(title: &str, description: Description, [look_from, look_at]: [Vec3; 2
         .iter()
         .filter_map(|(i, s)| {
             let n = side(s, &primary[*i]);
-            let [u, v, w, _] = sampler_of(*i as u32, 0).get(Set::Light(0));
+            let [u, v, w, _] = sampler_of(*i as u32, 0).get(Dimensions::Light(0));
             let (light, _) = scene.lights().choose(s.point, n, w, false)?;
             let light_sample = scene.lights().sample_li(light, s.point, [u, v])?;
             Some((
@@ -161,17 +166,17 @@ fn measure(title: &str, description: Description, [look_from, look_at]: [Vec3; 2
 
     let wavelengths = WavelengthSampler::uniform();
     let settings = PathSettings { max_depth: DEPTH, ..Default::default() };
-    let paths = |carried: &dyn Fn(f32) -> Wavelengths, settings: &PathSettings| {
+    let paths = |carried: &dyn Fn(f32) -> SampledWavelengths, settings: &PathSettings| {
         seconds(|| {
             for (i, ray) in primary.iter().enumerate() {
                 let sampler = sampler_of(i as u32, 0);
-                let [w, ..] = sampler.get(Set::Time);
+                let [w, ..] = sampler.get(Dimensions::Time);
                 black_box(scene.radiance(*ray, &carried(w), &sampler, settings));
             }
         }) / primary.len() as f64
     };
     let path_s = paths(&|w| wavelengths.sample(w), &settings);
-    let rgb_s = paths(&|_| Wavelengths::rgb(), &settings);
+    let rgb_s = paths(&|_| SampledWavelengths::rgb(), &settings);
     println!(
         "  paths of at most {DEPTH} events: {:.3} M/s of four wavelengths, {:.3} M/s of red, green and blue",
         1e-6 / path_s,
@@ -191,7 +196,7 @@ fn measure(title: &str, description: Description, [look_from, look_at]: [Vec3; 2
     let events = mean_events(&scene, &primary, &wavelengths.sample(0.3), sampler_of);
     let numbers_s = seconds(|| {
         for i in 0..SIDE * SIDE {
-            black_box(sampler_of(i, 3).get(Set::Light(i & 7)));
+            black_box(sampler_of(i, 3).get(Dimensions::Light(i & 7)));
         }
     }) / f64::from(SIDE * SIDE);
     let shading_s = seconds(|| {
@@ -199,7 +204,7 @@ fn measure(title: &str, description: Description, [look_from, look_at]: [Vec3; 2
         for (i, s) in &surfaces {
             let wo = -primary[*i].direction;
             if let Some(bsdf) = scene.material(s.object).bsdf(s, wo, &w, false, None) {
-                let u = sampler_of(*i as u32, 0).get(Set::Scatter(0));
+                let u = sampler_of(*i as u32, 0).get(Dimensions::Scatter(0));
                 black_box(bsdf.eval(bsdf.side_normal()));
                 black_box(bsdf.sample(u));
             }
@@ -207,7 +212,7 @@ fn measure(title: &str, description: Description, [look_from, look_at]: [Vec3; 2
     }) / surfaces.len().max(1) as f64;
     let lamps_s = seconds(|| {
         for (i, s) in &surfaces {
-            let u = sampler_of(*i as u32, 0).get(Set::Light(0));
+            let u = sampler_of(*i as u32, 0).get(Dimensions::Light(0));
             let aimed = scene.lights().choose(s.point, side(s, &primary[*i]), u[2], false);
             black_box(aimed.and_then(|(light, _)| scene.lights().sample_li(light, s.point, [u[0], u[1]])));
         }

@@ -27,7 +27,7 @@ const MOST_BOXES: usize = 1 << 20;
 /// Doublings of the steps that change little before a way is taken for one with jumps, which no number of steps follows.
 const STALLS: usize = 9;
 
-/// What fraction of a way's steps a fraction of the exposure is: the exposure itself, or what is done again and again in it.
+/// Maps a fraction of the exposure to a fraction of the key-frame cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Clock {
     /// Moment of the first step and time to the last, s.

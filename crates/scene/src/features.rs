@@ -8,7 +8,7 @@ use crate::material::Scattering;
 use crate::medium_stack::MediumStack;
 use crate::radiance::FirstSurface;
 use crate::scene::Scene;
-use diopter_light::{Ray, Sampled, Wavelengths};
+use diopter_light::{Ray, SampledSpectrum, SampledWavelengths};
 use glam::Vec3;
 
 /// Smooth surfaces that are followed: two balls of glass behind one another.
@@ -31,10 +31,10 @@ impl Scene {
     /// The surface, and where it lies unless the path leaves the scene.
     fn first_rough(&self, ray: &Ray) -> Option<(FirstSurface, Option<Vec3>)> {
         let first = self.first_surface(ray)?;
-        let wavelengths = Wavelengths::rgb();
+        let wavelengths = SampledWavelengths::rgb();
         let mut ray = *ray;
         let mut medium_stack = MediumStack::default();
-        let (mut tint, mut smooth) = (Sampled::ONE, 0);
+        let (mut tint, mut smooth) = (SampledSpectrum::ONE, 0);
         for _ in 0..MOST_SURFACES {
             let Some(surface) = self.intersect(&ray, f32::INFINITY) else {
                 return Some((FirstSurface { normal: Vec3::ZERO, albedo: Vec3::ZERO, ..first }, None));

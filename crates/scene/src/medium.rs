@@ -17,7 +17,7 @@ pub use volume::{Cloud, Field, Glow, Grid, Scalars, Tint, Volume, VolumePlace};
 use crate::bvh::Bounds;
 use diopter_light::random::Stream;
 use diopter_light::upsample::Sigmoid;
-use diopter_light::{Ray, Sampled, Spectrum, Wavelengths, sampling};
+use diopter_light::{Ray, SampledSpectrum, SampledWavelengths, Spectrum, sampling};
 use glam::Vec3;
 use std::f32::consts::{PI, TAU};
 use tracking::Track;
@@ -56,12 +56,12 @@ impl Coefficient {
 
     /// 1/m at the wavelengths of a path.
     #[inline]
-    pub fn sample(&self, wavelengths: &Wavelengths) -> Sampled {
+    pub fn sample(&self, wavelengths: &SampledWavelengths) -> SampledSpectrum {
         match self {
             Coefficient::Scaled(scale, spectrum) => spectrum.sample(wavelengths) * *scale,
             Coefficient::Tint { color, distance_m } => {
-                let c = color.sample(wavelengths).clamp(Sampled::splat(1e-6), Sampled::ONE);
-                Sampled::from_array(c.to_array().map(f32::ln)) * (-1.0 / distance_m)
+                let c = color.sample(wavelengths).clamp(SampledSpectrum::splat(1e-6), SampledSpectrum::ONE);
+                SampledSpectrum::from_array(c.to_array().map(f32::ln)) * (-1.0 / distance_m)
             }
         }
     }
@@ -139,10 +139,10 @@ impl Medium {
         &self,
         ray: &Ray,
         [near, far]: [f32; 2],
-        wavelengths: &Wavelengths,
+        wavelengths: &SampledWavelengths,
         time_s: f64,
         stream: impl FnOnce() -> &'s mut Stream,
-    ) -> Sampled {
+    ) -> SampledSpectrum {
         match &self.volume {
             None => self.at(wavelengths).transmittance(far - near),
             Some(volume) => Track::new(self, volume, ray, [near, far], wavelengths, time_s).transmittance(stream(), None),
@@ -151,9 +151,9 @@ impl Medium {
 
     /// Coefficients at the wavelengths of a path; of a volume, where its factors are 1.
     #[inline]
-    pub(crate) fn at(&self, wavelengths: &Wavelengths) -> Sigma {
+    pub(crate) fn at(&self, wavelengths: &SampledWavelengths) -> Sigma {
         let absorption = self.absorption.sample(wavelengths);
-        let scattering = if self.scattering.is_none() { Sampled::ZERO } else { self.scattering.sample(wavelengths) };
+        let scattering = if self.scattering.is_none() { SampledSpectrum::ZERO } else { self.scattering.sample(wavelengths) };
         Sigma { absorption, scattering, extinction: absorption + scattering }
     }
 }
@@ -161,43 +161,43 @@ impl Medium {
 /// Coefficients at the wavelengths of a path, 1/m.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sigma {
-    pub absorption: Sampled,
-    pub scattering: Sampled,
-    pub extinction: Sampled,
+    pub absorption: SampledSpectrum,
+    pub scattering: SampledSpectrum,
+    pub extinction: SampledSpectrum,
 }
 
 /// How a free flight through a medium ended; the weight is what it does to the light of the path.
 pub(crate) enum DistanceSample {
     /// At the far end.
-    Through(Sampled),
+    Through(SampledSpectrum),
     /// In between, after so many metres.
-    Scattered(f32, Sampled),
+    Scattered(f32, SampledSpectrum),
 }
 
 impl Sigma {
     /// Fraction of light that is left after a distance, m.
     #[inline]
-    pub fn transmittance(&self, distance: f32) -> Sampled {
+    pub fn transmittance(&self, distance: f32) -> SampledSpectrum {
         if distance.is_infinite() {
-            return Sampled::from_array(self.extinction.to_array().map(|s| if s > 0.0 { 0.0 } else { 1.0 }));
+            return SampledSpectrum::from_array(self.extinction.to_array().map(|s| if s > 0.0 { 0.0 } else { 1.0 }));
         }
         (self.extinction * -distance).exp()
     }
 
     /// ∫ e^(−σt s) ds over a distance, m.
-    pub fn depth(&self, distance: f32) -> Sampled {
+    pub fn depth(&self, distance: f32) -> SampledSpectrum {
         let one = |s: f32| match s * distance {
             // What neither absorbs nor scatters does not shine either, however deep it is.
             _ if s <= 0.0 => 0.0,
             x if x < 1e-4 => distance,
             x => (1.0 - (-x).exp()) / s,
         };
-        Sampled::from_array(self.extinction.to_array().map(one))
+        SampledSpectrum::from_array(self.extinction.to_array().map(one))
     }
 
     /// Density (1/m) with which [`Sigma::sample_distance`] draws a distance (m) for a path of a throughput.
     #[inline]
-    pub fn density(&self, distance: f32, throughput: Sampled) -> f32 {
+    pub fn density(&self, distance: f32, throughput: SampledSpectrum) -> f32 {
         (throughput / throughput.element_sum()).dot(self.extinction * self.transmittance(distance))
     }
 
@@ -206,9 +206,9 @@ impl Sigma {
     /// The distance is drawn for one of the wavelengths, each with a probability as its fraction of the throughput; the density is the mean over
     /// them (one-sample balance heuristic, Veach 1997; A. Wilkie et al. 2014).
     #[inline]
-    pub fn sample_distance(&self, distance: f32, u: [f32; 2], throughput: Sampled) -> DistanceSample {
+    pub fn sample_distance(&self, distance: f32, u: [f32; 2], throughput: SampledSpectrum) -> DistanceSample {
         let total = throughput.element_sum();
-        if self.scattering == Sampled::ZERO || !(total > 0.0) {
+        if self.scattering == SampledSpectrum::ZERO || !(total > 0.0) {
             return DistanceSample::Through(self.transmittance(distance));
         }
         let fraction = (throughput / total).to_array();
@@ -218,7 +218,7 @@ impl Sigma {
             at -= fraction[lane];
             lane += 1;
         }
-        let fraction = Sampled::from_array(fraction);
+        let fraction = SampledSpectrum::from_array(fraction);
         let drawn = -(1.0 - u[0]).ln() / self.extinction[lane];
         if drawn < distance {
             let left = self.transmittance(drawn);
@@ -317,12 +317,13 @@ mod tests {
             absorption: Coefficient::grey(0.2),
             ..Medium::fog(1.0, 0.5, 0.0)
         };
-        let wavelengths = Wavelengths::fixed(NM);
+        let wavelengths = SampledWavelengths::fixed(NM);
         let sigma = medium.at(&wavelengths);
         let (mut through, mut scattered) = ([0.0f64; 4], [0.0f64; 4]);
         let n = 200_000;
         for i in 0..n {
-            let distance_sample = sigma.sample_distance(0.8, [uniform(i, 1), uniform(i, 2)], Sampled::new(1.0, 0.5, 2.0, 0.3));
+            let distance_sample =
+                sigma.sample_distance(0.8, [uniform(i, 1), uniform(i, 2)], SampledSpectrum::new(1.0, 0.5, 2.0, 0.3));
             let (sum, weight) = match distance_sample {
                 DistanceSample::Through(w) => (&mut through, w),
                 DistanceSample::Scattered(t, w) => {
@@ -344,7 +345,7 @@ mod tests {
     #[test]
     fn depths_are_integrals_even_where_nothing_is_met() {
         let sigma =
-            |v: f32| Medium { absorption: Coefficient::grey(v), ..Medium::fog(1.0, 0.0, 0.0) }.at(&Wavelengths::fixed(NM));
+            |v: f32| Medium { absorption: Coefficient::grey(v), ..Medium::fog(1.0, 0.0, 0.0) }.at(&SampledWavelengths::fixed(NM));
         for (s, distance, expected) in
             [(0.5f32, 2.0f32, 2.0 * (1.0 - (-1.0f32).exp())), (0.5, f32::INFINITY, 2.0), (0.0, f32::INFINITY, 0.0)]
         {

@@ -138,7 +138,7 @@ impl Animation {
 /// What happens after the last key.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum Ending {
+pub enum Extrapolation {
     /// Everything stays where it is then.
     #[default]
     Clamp,
@@ -148,11 +148,11 @@ pub enum Ending {
 
 /// Which animations run, and how.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Playing {
+pub struct AnimationPlayback {
     /// Numbers of the animations.
     pub animations: Vec<usize>,
     /// After the last key.
-    pub ending: Ending,
+    pub ending: Extrapolation,
     /// Nothing moves: all stays as it is at this moment, s.
     pub frozen_at_s: Option<f64>,
 }
@@ -232,7 +232,7 @@ struct Tracks<'a> {
 /// Where everything is at any moment.
 pub struct Timeline<'a> {
     nodes: &'a [Node],
-    playing: &'a Playing,
+    playing: &'a AnimationPlayback,
     tracks: Vec<Tracks<'a>>,
     /// Whether a node or one it hangs on is animated.
     moves: Vec<bool>,
@@ -240,7 +240,7 @@ pub struct Timeline<'a> {
 
 impl<'a> Timeline<'a> {
     /// Gathers the channels that run. Of two channels on the same property the later one counts.
-    pub fn new(nodes: &'a [Node], animations: &'a [Animation], playing: &'a Playing) -> Self {
+    pub fn new(nodes: &'a [Node], animations: &'a [Animation], playing: &'a AnimationPlayback) -> Self {
         let mut tracks = vec![Tracks::default(); nodes.len()];
         let running = playing.animations.iter().filter_map(|i| animations.get(*i));
         for animation in running {
@@ -295,7 +295,7 @@ impl<'a> Timeline<'a> {
     fn moment(&self, time_s: f64, [first, last]: [f64; 2]) -> f64 {
         let time = self.playing.frozen_at_s.unwrap_or(time_s);
         match self.playing.ending {
-            Ending::Loop if time > last && last > first => first + (time - first).rem_euclid(last - first),
+            Extrapolation::Loop if time > last && last > first => first + (time - first).rem_euclid(last - first),
             _ => time.clamp(first, last),
         }
     }
@@ -337,7 +337,7 @@ impl<'a> Timeline<'a> {
     /// First moment and length (s) of what a node and all it hangs on do again and again from a moment on; `None` where they do not, or
     /// not in step.
     pub fn cycle(&self, nodes: impl IntoIterator<Item = u32>, open_s: f64) -> Option<(f64, f64)> {
-        if self.playing.ending != Ending::Loop {
+        if self.playing.ending != Extrapolation::Loop {
             return None;
         }
         let mut spans = nodes.into_iter().flat_map(|n| self.chain(n)).flat_map(|n| {
@@ -358,7 +358,7 @@ impl<'a> Timeline<'a> {
             for (channel, [first, last]) in [t.translation, t.rotation, t.scale, t.weights].into_iter().flatten() {
                 let period = last - first;
                 let turns = match self.playing.ending {
-                    Ending::Loop if period > 0.0 => {
+                    Extrapolation::Loop if period > 0.0 => {
                         ((open_s - first) / period).floor().max(0.0) as i64..=((close_s - first) / period).floor().max(0.0) as i64
                     }
                     _ => 0..=0,

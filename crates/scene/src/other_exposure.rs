@@ -103,7 +103,7 @@ fn barycentric(point: DVec3, corners: [Vec3; 3]) -> Option<[f64; 3]> {
 mod tests {
     use super::*;
     use crate::material::{Material, Scattering};
-    use crate::motion::{AnimatedProperty, Animation, Channel, Deformer, KeyInterpolation, Node, Playing, Target};
+    use crate::motion::{AnimatedProperty, Animation, AnimationPlayback, Channel, Deformer, KeyInterpolation, Node, Target};
     use crate::scene::{Description, Object};
     use crate::shape::Mesh;
     use crate::texture::Color;
@@ -140,7 +140,7 @@ mod tests {
             objects: vec![object],
             nodes: vec![Node::new("node")],
             animations: vec![Animation { name: "go".into(), channels: vec![channel] }],
-            playing: Playing { animations: vec![0], ..Default::default() },
+            playing: AnimationPlayback { animations: vec![0], ..Default::default() },
             deformers: vec![Deformer { mesh: 0, node: 0, targets: vec![target], weights: vec![0.0], skin: None }],
             ..Default::default()
         })

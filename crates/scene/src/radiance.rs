@@ -26,17 +26,17 @@ pub use cone::RayCone;
 pub use first_surface::FirstSurface;
 pub use incident::Incident;
 
-use crate::light::Shown;
+use crate::light::EmitterMis;
 use crate::light_paths::LightPaths;
 use crate::scene::Scene;
 use diopter_light::polarization::Stokes;
 use diopter_light::random::Sampler;
-use diopter_light::{Ray, Sampled, Wavelengths};
+use diopter_light::{Ray, SampledSpectrum, SampledWavelengths};
 use glam::Vec3;
 use path::Transport;
 pub(crate) use tally::DIRECT_EVENTS;
-use tally::{Apart, Gathered, Polarized, Tally};
-pub(crate) use to_light::{MOST_FACES, origin_behind, stream_along};
+use tally::{CausticTally, DirectTally, Polarized, Tally};
+pub(crate) use to_light::{MAX_INTERFACES, origin_behind, stream_along};
 
 /// How far paths are followed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,46 +61,52 @@ pub struct CameraPath<'a> {
     /// Its ray, and how wide it is: pictures on surfaces are filtered over it, and the mean is the true value where that is smaller than a pixel of the picture.
     pub cone: RayCone,
     /// What it carries.
-    pub wavelengths: Wavelengths,
+    pub wavelengths: SampledWavelengths,
     /// Its numbers.
     pub sampler: Sampler,
-    /// Caustics by photons, which stand for what paths would find by chance there, and light vertices, which share what paths find with them.
+    /// Photon maps for caustics (in place of what paths would find by chance), and light vertices for connections.
     pub light_paths: LightPaths<'a>,
-    /// Where another strategy brings a part of the light of surfaces that shine and are seen directly.
-    pub shown: Option<Shown<'a>>,
+    /// Weight of this path for emitters that are seen directly, where light tracing finds them, too.
+    pub emitter_mis: Option<EmitterMis<'a>>,
 }
 
 impl CameraPath<'_> {
     /// A ray without width, and nothing that helps it.
-    pub fn new(ray: Ray, wavelengths: Wavelengths, sampler: Sampler) -> Self {
-        CameraPath { cone: RayCone::thin(ray), wavelengths, sampler, light_paths: LightPaths::default(), shown: None }
+    pub fn new(ray: Ray, wavelengths: SampledWavelengths, sampler: Sampler) -> Self {
+        CameraPath { cone: RayCone::thin(ray), wavelengths, sampler, light_paths: LightPaths::default(), emitter_mis: None }
     }
 }
 
 impl Scene {
     /// Spectral radiance that arrives at the ray's origin from its direction, W·m⁻²·sr⁻¹·nm⁻¹ at the four wavelengths; one
     /// random estimate, whose mean is the true value.
-    pub fn radiance(&self, ray: Ray, wavelengths: &Wavelengths, sampler: &Sampler, settings: &PathSettings) -> Sampled {
+    pub fn radiance(
+        &self,
+        ray: Ray,
+        wavelengths: &SampledWavelengths,
+        sampler: &Sampler,
+        settings: &PathSettings,
+    ) -> SampledSpectrum {
         self.radiance_along(&CameraPath::new(ray, *wavelengths, *sampler), settings)
     }
 
     /// The same along a camera path.
-    pub fn radiance_along(&self, path: &CameraPath, settings: &PathSettings) -> Sampled {
-        Transport { scene: self, settings }.follow(path, Sampled::ZERO)
+    pub fn radiance_along(&self, path: &CameraPath, settings: &PathSettings) -> SampledSpectrum {
+        Transport { scene: self, settings }.follow(path, SampledSpectrum::ZERO)
     }
 
     /// The same of many camera paths, in their order.
-    pub fn radiance_of(&self, paths: &[CameraPath], settings: &PathSettings) -> Vec<Sampled> {
-        self.follow_all(paths, settings, |_| Sampled::ZERO)
+    pub fn radiance_of(&self, paths: &[CameraPath], settings: &PathSettings) -> Vec<SampledSpectrum> {
+        self.follow_all(paths, settings, |_| SampledSpectrum::ZERO)
     }
 
     /// The Stokes vectors of the same light at each of the four wavelengths ([`diopter_light::polarization`]), all of it by the paths: without light paths and
-    /// [`CameraPath::shown`]. `axes`: the x axis of the frame of each path, perpendicular to its ray. Q, U and V are 0 on the mean where nothing polarises. I is, sample by
+    /// [`CameraPath::emitter_mis`]. `axes`: the x axis of the frame of each path, perpendicular to its ray. Q, U and V are 0 on the mean where nothing polarises. I is, sample by
     /// sample, [`Scene::radiance_of`] where no two events of the path polarise; elsewhere it is what polarised light gives, and that is another number.
     ///
     /// Panics where there are fewer axes than paths.
     pub fn stokes_of(&self, paths: &[CameraPath], axes: &[Vec3], settings: &PathSettings) -> Vec<[Stokes; 4]> {
-        let alone = |path: &CameraPath| CameraPath { light_paths: LightPaths::default(), shown: None, ..*path };
+        let alone = |path: &CameraPath| CameraPath { light_paths: LightPaths::default(), emitter_mis: None, ..*path };
         let paths: Vec<CameraPath> = paths.iter().map(alone).collect();
         let tallies = self.follow_all(&paths, settings, |number| Polarized::seen_along(axes[number]));
         tallies.into_iter().map(|tally| tally.stokes).collect()
@@ -108,15 +114,15 @@ impl Scene {
 
     /// The numbers of [`Scene::radiance_of`], and what of them is direct light: emitted towards the camera, or scattered once on its way, by surface or medium. What goes
     /// through a thin dielectric or off a mirror is scattered there. Direct light is, bit by bit (within rounding where volumes shine), the radiance with a `max_depth` of 1.
-    pub fn radiance_and_direct_of(&self, paths: &[CameraPath], settings: &PathSettings) -> Vec<[Sampled; 2]> {
-        let tallies = self.follow_all(paths, settings, |_| Apart::default());
-        tallies.into_iter().map(|Apart { all, direct }| [all, direct]).collect()
+    pub fn radiance_and_direct_of(&self, paths: &[CameraPath], settings: &PathSettings) -> Vec<[SampledSpectrum; 2]> {
+        let tallies = self.follow_all(paths, settings, |_| DirectTally::default());
+        tallies.into_iter().map(|DirectTally { all, direct }| [all, direct]).collect()
     }
 
     /// The same numbers, and what of them came from photons: by how much they matter in a picture.
-    pub fn radiance_and_caustics_of(&self, paths: &[CameraPath], settings: &PathSettings) -> Vec<[Sampled; 2]> {
-        let tallies = self.follow_all(paths, settings, |_| Gathered::default());
-        tallies.into_iter().map(|Gathered { all, gathered }| [all, gathered]).collect()
+    pub fn radiance_and_caustics_of(&self, paths: &[CameraPath], settings: &PathSettings) -> Vec<[SampledSpectrum; 2]> {
+        let tallies = self.follow_all(paths, settings, |_| CausticTally::default());
+        tallies.into_iter().map(|CausticTally { all, gathered }| [all, gathered]).collect()
     }
 
     fn follow_all<'a, T: Tally>(

@@ -15,7 +15,7 @@ use crate::light::environment::direction;
 use crate::light::punctual::Spread;
 use crate::light::{Punctual, PunctualKind};
 use crate::motion::Motion;
-use crate::scene::{Description, Object, Shape, Sight};
+use crate::scene::{CameraProjection, Description, Object, Shape};
 use crate::shape::Mesh;
 use crate::texture::{Image, Texel};
 use diopter_light::Spectrum;
@@ -277,14 +277,14 @@ pub fn gltf(d: &Description) -> Gltf {
     let mut cameras = Vec::new();
     for view in &d.cameras {
         let camera = match &view.sight {
-            Sight::Perspective { vertical_fov } => {
+            CameraProjection::Perspective { vertical_fov } => {
                 json!({ "type": "perspective", "perspective": { "yfov": vertical_fov, "znear": 0.01 } })
             }
-            Sight::Orthographic { height } => {
+            CameraProjection::Orthographic { height } => {
                 let ymag = 0.5 * height;
                 json!({ "type": "orthographic", "orthographic": { "xmag": ymag * 1.5, "ymag": ymag, "znear": 0.01, "zfar": 1e4 } })
             }
-            Sight::Panorama | Sight::Table(_) => {
+            CameraProjection::Panorama | CameraProjection::Table(_) => {
                 w.warn("a camera that glTF has no words for is written with an angle of view of 40°");
                 json!({ "type": "perspective", "perspective": { "yfov": 40f32.to_radians(), "znear": 0.01 } })
             }

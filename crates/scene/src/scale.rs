@@ -9,7 +9,7 @@ use crate::light::PunctualKind;
 use crate::material::{Anisotropy, BumpUnit, Coverage, Interior, Material, Pigment, Scattering};
 use crate::medium::{Coefficient, Medium};
 use crate::motion::{Local, Node, Parts};
-use crate::scene::{Description, Shape, Sight};
+use crate::scene::{CameraProjection, Description, Shape};
 use crate::texture::{Color, Graph, Mapping, Scalar};
 use diopter_light::Spectrum;
 use diopter_light::spectrum::Table;
@@ -53,9 +53,9 @@ impl Description {
             view.world_from_camera.translation *= factor;
             view.lens = view.lens.map(|lens| lens.map(|length| length * factor));
             match &mut view.sight {
-                Sight::Orthographic { height } => *height *= factor,
-                Sight::Table(table) => table.focus_m *= f64::from(factor),
-                Sight::Perspective { .. } | Sight::Panorama => {}
+                CameraProjection::Orthographic { height } => *height *= factor,
+                CameraProjection::Table(table) => table.focus_m *= f64::from(factor),
+                CameraProjection::Perspective { .. } | CameraProjection::Panorama => {}
             }
         }
         // Media that are one stay one: their faces tell them apart by that.

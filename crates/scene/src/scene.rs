@@ -8,7 +8,7 @@ mod hits;
 mod lights;
 mod strands;
 
-pub use description::{Description, FilmHints, LensTable, MissingTexture, Object, Shape, Sight, Variant, Viewpoint};
+pub use description::{CameraProjection, Description, FilmHints, LensTable, MissingTexture, Object, Shape, Variant, Viewpoint};
 pub(crate) use lights::{AreaLights, LightMotion, area_lights};
 
 use crate::animated::AnimatedInstances;

@@ -240,7 +240,7 @@ impl Studio {
     }
 
     /// Puts the studio around a scene, instead of the environment it has; lamps of its own stay.
-    pub fn put_into(&self, scene: &mut Description) {
+    pub fn add_to_scene(&self, scene: &mut Description) {
         for (panel, quad) in self.panels() {
             let [a, b] = panel.size.map(|s| 0.5 * s / panel.distance);
             let luminance = panel.illuminance_lx / illuminance_of_panel(a, b);
@@ -295,7 +295,7 @@ mod tests {
     fn every_lamp_gives_the_illuminance_it_claims() {
         for studio in studios() {
             let mut d = Description::default();
-            studio.put_into(&mut d);
+            studio.add_to_scene(&mut d);
             for (panel, object) in PANELS.iter().zip(&d.objects) {
                 let Shape::Quad(quad) = object.shape else { panic!("{} is a panel", object.name) };
                 let emission = d.materials[object.material as usize].emission.as_ref().unwrap();
@@ -355,7 +355,7 @@ mod tests {
                 assert!(t.iter().all(|v| normal.dot(mesh.normals[*v as usize]) > 0.0), "triangle {i} faces away");
             }
             let mut d = Description::default();
-            studio.put_into(&mut d);
+            studio.add_to_scene(&mut d);
             let scene = Scene::build(d).unwrap();
             for direction in studio.view.corners() {
                 let ray = diopter_light::Ray { origin: studio.view.eye(), direction, time_s: 0.0 };

@@ -17,7 +17,7 @@ pub use paged::{Paged, RESIDENT};
 use crate::shape::Surface;
 use diopter_light::color::srgb_decode;
 use diopter_light::upsample::Sigmoid;
-use diopter_light::{Sampled, Wavelengths};
+use diopter_light::{SampledSpectrum, SampledWavelengths};
 use glam::{Affine2, Vec2, Vec3, Vec4};
 use std::sync::{Arc, OnceLock};
 
@@ -176,11 +176,11 @@ impl Color {
 
     /// Reflectance at the wavelengths of a path, 0 to 1; the colours of the mesh's vertices multiply it, but for measured reflectances.
     #[inline]
-    pub fn sample(&self, surface: &Surface, wavelengths: &Wavelengths) -> Sampled {
+    pub fn sample(&self, surface: &Surface, wavelengths: &SampledWavelengths) -> SampledSpectrum {
         match self {
             Color::Constant { sigmoid, .. } if surface.color == Vec4::ONE => sigmoid.sample(wavelengths),
             Color::Spectrum(measured) if !wavelengths.is_rgb() => measured.spectrum.sample(wavelengths),
-            _ if wavelengths.is_rgb() => Wavelengths::lanes(self.linear_srgb(surface).clamp(Vec3::ZERO, Vec3::ONE)),
+            _ if wavelengths.is_rgb() => SampledWavelengths::lanes(self.linear_srgb(surface).clamp(Vec3::ZERO, Vec3::ONE)),
             _ => Sigmoid::from_rgb(self.linear_srgb(surface)).sample(wavelengths),
         }
     }

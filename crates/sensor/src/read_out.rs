@@ -337,7 +337,7 @@ impl<'a> ReadOut<'a> {
         let row_e = self.pattern.row_e(row);
         let of = |(c, v): (usize, &f64)| {
             let p = self.pattern.pixel(c, row);
-            // The renderer's mean may be below nothing by less than its error, where colours part; of electrons there are none then.
+            // The rendered mean may be negative by less than its error where the lens disperses (control variate); electrons are then 0.
             let (electrons, dark) = ((v * p.response).max(0.0), self.dark_e(c, row) * p.leak);
             let (total, clipped) = (electrons + dark, electrons + dark >= limit);
             let shot = |mean: f64| if clipped { 0.0 } else { mean };

@@ -8,11 +8,11 @@ use crate::lock::lock;
 use crate::problem::Problem;
 use crate::series::{Frame, Series};
 use diopter::develop::{Developer, Recipe};
-use diopter::expose::{ExposeError, Watch};
+use diopter::expose::{ExposeError, ProgressReporter};
 use diopter::image::dng::Storage;
 use diopter::image::{ExposureFacts, ImageError, PictureSource, RawImage, exr, jpeg};
 use diopter::raw_file;
-use diopter::shot::{FireflyChoice, Kept, Shot, ShotError, ShotFile};
+use diopter::shot::{ExposureUse, FireflyChoice, Shot, ShotError, ShotFile};
 use serde_json::{Value, json};
 use std::collections::VecDeque;
 use std::fs::File;
@@ -336,7 +336,7 @@ impl Darkroom {
             None => Shot::prepare(&file, &mut quiet).map_err(failed)?,
         };
         shot.denoise_pictures(true, &mut quiet).map_err(failed)?;
-        let needed = shot.bytes_needed(Kept::ReadOut);
+        let needed = shot.bytes_needed(ExposureUse::ReadOut);
         if needed > MOST_BYTES {
             let found = format!("that takes {:.1} GB", needed as f64 / 1e9);
             let expected =
@@ -344,13 +344,13 @@ impl Darkroom {
             return Err(Some(Problem::new("size", found, expected)));
         }
         shot.date = Some((self.now)());
-        let watch = Watch { cancel, progress: &|done| self.progress.store((done * 1e6) as u64, Ordering::Relaxed) };
-        let quiet_watch = Watch { cancel, progress: &|_| () };
+        let watch = ProgressReporter { cancel, progress: &|done| self.progress.store((done * 1e6) as u64, Ordering::Relaxed) };
+        let quiet_watch = ProgressReporter { cancel, progress: &|_| () };
         shot.focus(&quiet_watch, &mut quiet).map_err(failed)?;
         shot.meter(&quiet_watch, &mut quiet).map_err(failed)?;
         file.make_paths_absolute();
         file.output.files = ["jpg", "dng", "exr"].map(|ending| PathBuf::from(name(next.id, ending))).to_vec();
-        shot.settle(&mut file);
+        shot.write_resolved(&mut file);
         self.now_doing("exposing", true);
         changed();
         let exposed = shot.expose_from(None, &watch, None).map_err(failed)?;
@@ -408,12 +408,12 @@ fn failed(e: ShotError) -> Option<Problem> {
 /// Focuses and meters for a series: the shot, and those of all its pictures.
 fn settle(file: &ShotFile, series: &Series, cancel: &AtomicBool) -> Result<(Shot, Vec<Frame>), Option<Problem>> {
     let mut quiet = |_: &str| ();
-    let watch = Watch { cancel, progress: &|_| () };
+    let watch = ProgressReporter { cancel, progress: &|_| () };
     let mut shot = Shot::prepare(file, &mut quiet).map_err(failed)?;
     shot.focus(&watch, &mut quiet).map_err(failed)?;
     shot.meter(&watch, &mut quiet).map_err(failed)?;
     let mut settled = file.clone();
-    shot.settle(&mut settled);
+    shot.write_resolved(&mut settled);
     let frames = series.frames(&mut shot, &settled)?;
     Ok((shot, frames))
 }

@@ -17,7 +17,7 @@ use crate::lock::lock;
 use crate::problem::Problem;
 use crate::session::{Asked, Live, Session};
 use diopter::denoising::{Denoise, Filter};
-use diopter::expose::{ExposeError, Watch};
+use diopter::expose::{ExposeError, ProgressReporter};
 use diopter::image::{ExposureFacts, FocalPlane, Raster, jpeg};
 use diopter::quantity::{FocusTo, LengthMm};
 use diopter::shot::{FireflyChoice, Inputs, Shot, ShotError, ShotFile};
@@ -215,8 +215,8 @@ impl Engine<'_> {
 
         // Autofocus looks once; then the lens stays where it was set.
         let go_on = AtomicBool::new(false);
-        let first_watch = Watch { cancel: &go_on, progress: &|_| () };
-        let watch = Watch { cancel: &session.cancel, progress: &|_| () };
+        let first_watch = ProgressReporter { cancel: &go_on, progress: &|_| () };
+        let watch = ProgressReporter { cancel: &session.cancel, progress: &|_| () };
         let looks = matches!(file.focus.distance, Some(FocusTo::Auto | FocusTo::At(_)));
         if looks {
             session.busy(Some("focusing"));
@@ -245,7 +245,7 @@ impl Engine<'_> {
         let at_hand = self.read.as_ref().filter(|(key, _)| key.exposure.scene == wanted.exposure.scene).map(|r| r.1);
         let mut stale = !self.read.as_ref().is_some_and(|(key, _)| *key == wanted);
         match at_hand {
-            Some(reading) => shot.set_by(reading, &mut warn)?,
+            Some(reading) => shot.apply_meter_reading(reading, &mut warn)?,
             None => {
                 shot.meter(&first_watch, &mut warn)?;
                 self.read = Some((wanted.clone(), shot.facts().metered_ev100));
@@ -293,7 +293,7 @@ impl Engine<'_> {
             if same {
                 // What was exposed by the reading before goes on: samples of another time could not be joined to it.
                 renew(shot)?;
-                shot.set_by(before, &mut |_| ())?;
+                shot.apply_meter_reading(before, &mut |_| ())?;
             }
             self.read = Some((wanted, if same { before } else { after }));
             warnings.extend(warned.into_iter().filter(|w| !warnings.contains(w)).collect::<Vec<_>>());
@@ -395,7 +395,7 @@ impl Engine<'_> {
         whole: [usize; 2],
         part: usize,
         samples: std::ops::Range<u32>,
-        watch: &Watch,
+        watch: &ProgressReporter,
     ) -> Result<(), Stopped> {
         let Some(shot) = &mut self.shot else { return Ok(()) };
         let [columns, rows] = part_size(whole, part);

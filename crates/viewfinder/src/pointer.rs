@@ -75,7 +75,7 @@ pub fn field_at(live: &Live, place: [f64; 2]) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::engine::for_finder;
-    use diopter::expose::Watch;
+    use diopter::expose::ProgressReporter;
     use diopter::shot::{Shot, ShotFile};
     use std::sync::atomic::AtomicBool;
 
@@ -87,7 +87,7 @@ mod tests {
         file.render.spp = Some(8);
         let mut shot = Shot::prepare(&for_finder(&file), &mut |_| ()).unwrap();
         let go_on = AtomicBool::new(false);
-        let watch = Watch { cancel: &go_on, progress: &|_| () };
+        let watch = ProgressReporter { cancel: &go_on, progress: &|_| () };
         shot.meter(&watch, &mut |_| ()).unwrap();
         let plane = shot.expose(&watch).unwrap();
         let facts = shot.facts();

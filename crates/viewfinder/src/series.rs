@@ -183,7 +183,7 @@ fn distances(count: u32, near_m: f64, far_m: Option<f64>) -> Vec<Option<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use diopter::expose::Watch;
+    use diopter::expose::ProgressReporter;
     use std::sync::atomic::AtomicBool;
 
     #[test]
@@ -228,10 +228,10 @@ mod tests {
         change(&mut file);
         let mut shot = Shot::prepare(&file, &mut |_| ()).unwrap();
         let go_on = AtomicBool::new(false);
-        let watch = Watch { cancel: &go_on, progress: &|_| () };
+        let watch = ProgressReporter { cancel: &go_on, progress: &|_| () };
         shot.focus(&watch, &mut |_| ()).unwrap();
         shot.meter(&watch, &mut |_| ()).unwrap();
-        shot.settle(&mut file);
+        shot.write_resolved(&mut file);
         (shot, file)
     }
 

@@ -214,7 +214,7 @@ impl Taking {
         let mut said = self.said.clone();
         // Of a flag given twice the last wins.
         said.scene.flicker.drain(..said.scene.flicker.len().saturating_sub(1));
-        shot.take_over(said);
+        shot.override_with(said);
         Ok(shot)
     }
 }

@@ -4,7 +4,7 @@ use super::print_json;
 use crate::args::{BodyVerb, Emva, List, ReadOut};
 use crate::output::Output;
 use crate::watch::say;
-use crate::{AskedWrongly, paint};
+use crate::{UsageError, paint};
 use anyhow::{Context, anyhow};
 use diopter::image::png;
 use diopter::lens::draw::{Axis, Chart, Figure, Line, Style};
@@ -189,7 +189,7 @@ fn measure(args: &Emva, json: bool) -> anyhow::Result<()> {
         Some(c) => names
             .iter()
             .position(|n| n.eq_ignore_ascii_case(c))
-            .ok_or_else(|| AskedWrongly(anyhow!("channel \"{c}\": expected one of {} on {}", names.join(", "), s.name)))?,
+            .ok_or_else(|| UsageError(anyhow!("channel \"{c}\": expected one of {} on {}", names.join(", "), s.name)))?,
     };
     let conditions = Conditions {
         iso: args.iso.map_or(s.iso[0].iso, |i| i.0),
@@ -210,7 +210,7 @@ fn measure(args: &Emva, json: bool) -> anyhow::Result<()> {
     })
     .map_err(|e| match e {
         diopter::sensor::SensorError::Kept(reason) => anyhow!(reason),
-        other => AskedWrongly(other.into()).into(),
+        other => UsageError(other.into()).into(),
     })?;
     if let Some(export) = export {
         say(&format!("wrote {}", export.finish()?.display()));
@@ -266,7 +266,7 @@ struct Export {
 
 impl Export {
     fn new(folder: &Path, sensor: &Sensor, c: &Conditions) -> anyhow::Result<Self> {
-        let wrong = |reason: &str| AskedWrongly(anyhow!("{}: {reason}", folder.display()));
+        let wrong = |reason: &str| UsageError(anyhow!("{}: {reason}", folder.display()));
         // An empty folder may stay; nothing is made before there is something to put into it.
         if folder.exists() {
             let Ok(mut files) = std::fs::read_dir(folder) else { return Err(wrong("this is not a folder").into()) };

@@ -1,7 +1,7 @@
 //! `lens calibrate`: what a traced lens does, as models and tables for other programs.
 
 use super::print_json;
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::Calibrate;
 use crate::output::{Output, distinct};
 use crate::watch::say;
@@ -111,7 +111,7 @@ fn principal_ray(args: &Calibrate) -> anyhow::Result<PrincipalRay> {
     let wavelength_nm = args.wavelength.unwrap_or(PrincipalRay::CHIEF.wavelength_nm);
     match (300.0..=2500.0).contains(&wavelength_nm) {
         true => Ok(PrincipalRay { centroid: args.centroid, wavelength_nm }),
-        false => Err(AskedWrongly(anyhow!("--wavelength: found {wavelength_nm} nm, expected 300 to 2500 nm")).into()),
+        false => Err(UsageError(anyhow!("--wavelength: found {wavelength_nm} nm, expected 300 to 2500 nm")).into()),
     }
 }
 
@@ -162,16 +162,16 @@ fn told<E: std::fmt::Display>(c: &Calibration, fits: &[(ModelKind, Result<Fit, E
 fn named(name: &str) -> anyhow::Result<ModelKind> {
     ModelKind::named(name).ok_or_else(|| {
         let all = ModelKind::NAMES.map(|n| n.0).join(", ");
-        AskedWrongly(anyhow!("model \"{name}\": expected all, or one or several of {all}")).into()
+        UsageError(anyhow!("model \"{name}\": expected all, or one or several of {all}")).into()
     })
 }
 
 /// What is written into a file.
 fn format_of(path: &Path, args: &Calibrate) -> anyhow::Result<Format> {
     let format = match &args.format {
-        Some(name) => Format::named(name).map_err(|e| AskedWrongly(e.into()))?,
+        Some(name) => Format::named(name).map_err(|e| UsageError(e.into()))?,
         None => Format::of(path).ok_or_else(|| {
-            AskedWrongly(anyhow!(
+            UsageError(anyhow!(
                 "{}: expected a name that says the format (.json, .yaml, cameras.txt, transforms.json, camchain.yaml, .xml, distort.exr, \
                  undistort.exr, rays.exr) or --format",
                 path.display()
@@ -180,7 +180,7 @@ fn format_of(path: &Path, args: &Calibrate) -> anyhow::Result<Format> {
     };
     if format == Format::ColmapImages {
         let what = "images.txt holds pictures: expected `shoot ... -o images.txt`, or cameras.txt here";
-        return Err(AskedWrongly(anyhow!("{}: {what}", path.display())).into());
+        return Err(UsageError(anyhow!("{}: {what}", path.display())).into());
     }
     Ok(format)
 }
@@ -189,25 +189,25 @@ fn format_of(path: &Path, args: &Calibrate) -> anyhow::Result<Format> {
 fn film(args: &Calibrate) -> anyhow::Result<Film> {
     let size = args.size;
     if !(2..=LARGEST_SIDE).contains(&size.width) || !(2..=LARGEST_SIDE).contains(&size.height) {
-        return Err(AskedWrongly(anyhow!("size {size}: expected 2 to {LARGEST_SIDE} pixels a side")).into());
+        return Err(UsageError(anyhow!("size {size}: expected 2 to {LARGEST_SIDE} pixels a side")).into());
     }
     let [width, height] = match &args.film {
         None => read_body(args.body.as_deref().unwrap_or(DEFAULT_BODY))?.format_mm,
         Some(name) => {
             let found = format::Format::parse(name);
             let f = found
-                .ok_or_else(|| AskedWrongly(anyhow!("film \"{name}\": expected a format such as APS-C, or mm such as 36x24")))?;
+                .ok_or_else(|| UsageError(anyhow!("film \"{name}\": expected a format such as APS-C, or mm such as 36x24")))?;
             [f.width_mm, f.height_mm]
         }
     };
     let shape = size.width as f64 / size.height as f64;
     let (w, h) = if shape > width / height { (width, width / shape) } else { (height * shape, height) };
-    let middle_mm = args.shift.unwrap_or([0.0; 2]);
-    if middle_mm.iter().any(|s| s.abs() > w.hypot(h)) {
-        let found = format!("shift {},{} mm", middle_mm[0], middle_mm[1]);
-        return Err(AskedWrongly(anyhow!("{found}: expected at most the film's {:.1} mm each way", w.hypot(h))).into());
+    let center_mm = args.shift.unwrap_or([0.0; 2]);
+    if center_mm.iter().any(|s| s.abs() > w.hypot(h)) {
+        let found = format!("shift {},{} mm", center_mm[0], center_mm[1]);
+        return Err(UsageError(anyhow!("{found}: expected at most the film's {:.1} mm each way", w.hypot(h))).into());
     }
-    Ok(Film { middle_mm, ..Film::new(w, h, size.width, size.height) })
+    Ok(Film { center_mm, ..Film::new(w, h, size.width, size.height) })
 }
 
 /// The lens as it is set.
@@ -241,7 +241,7 @@ fn write(
     table: Option<&RayTable>,
 ) -> anyhow::Result<std::path::PathBuf> {
     let Some(table) = table.filter(|_| !format.is_text()) else {
-        let text = calibration.text(format).map_err(|e| AskedWrongly(e.into()))?;
+        let text = calibration.text(format).map_err(|e| UsageError(e.into()))?;
         return output.commit(|to| Ok(to.write_all(text.as_bytes())?));
     };
     let straight = Straight::of(&calibration.model);

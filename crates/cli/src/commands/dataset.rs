@@ -1,7 +1,7 @@
 //! `dataset`: items, the folder they are gathered in, and the job that makes them elsewhere.
 
 use super::print_json;
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::{DatasetVerb, WhichItems};
 use crate::memory::Bytes;
 use crate::output::{self, Output};
@@ -39,7 +39,7 @@ pub fn run(verb: &DatasetVerb, json: bool) -> anyhow::Result<()> {
 fn whole_seconds(time: Seconds) -> anyhow::Result<u64> {
     match (1.0..=1e9).contains(&time.0) {
         true => Ok(time.0.ceil() as u64),
-        false => Err(AskedWrongly(anyhow!("timeout {time}: expected 1 s or more, such as \"30 min\"")).into()),
+        false => Err(UsageError(anyhow!("timeout {time}: expected 1 s or more, such as \"30 min\"")).into()),
     }
 }
 
@@ -92,7 +92,7 @@ fn item(spec: &Path, which: &WhichItems, folder: &Path, json: bool) -> anyhow::R
     };
     if range.end > all {
         let expected = format!("expected numbers from 0 to {}: the data set has {all} items", all - 1);
-        return Err(AskedWrongly(anyhow!("items {}..{}: {expected}", range.start, range.end)).into());
+        return Err(UsageError(anyhow!("items {}..{}: {expected}", range.start, range.end)).into());
     }
     let gathered = Folder::open(dataset.clone(), folder)?;
     let mut warn = once();

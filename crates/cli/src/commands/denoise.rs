@@ -1,7 +1,7 @@
 //! `denoise`: the renderer's own noise taken out of a focal plane.
 
 use super::{PlaneFile, print_json};
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::output;
 use crate::watch::{say, warn};
 use anyhow::{Context, anyhow};
@@ -18,7 +18,7 @@ pub fn run(input: &Path, output: &Path, by: Denoise, oidn: Option<&Path>, json: 
         warn("this exposure has been denoised before");
     }
     let Some(filter) = Filter::open(by, oidn, &mut warn)? else {
-        return Err(AskedWrongly(anyhow!("--by {by}: expected on, oidn or builtin")).into());
+        return Err(UsageError(anyhow!("--by {by}: expected on, oidn or builtin")).into());
     };
     let size = source.size();
     let by_strips = denoise::rows_at_once(size[0], source.bands().len(), source.recorded().more_bytes()) < size[1];

@@ -4,7 +4,7 @@ use super::{print_json, read_raw};
 use crate::args::Develop;
 use crate::output::{self, Format, Kind, Output};
 use crate::watch::{say, watched};
-use crate::{AskedWrongly, step_pictures, views};
+use crate::{UsageError, step_pictures, views};
 use anyhow::{Context, anyhow};
 use diopter::develop::lut::Lut;
 use diopter::develop::{Recipe, SETTINGS};
@@ -34,7 +34,7 @@ pub fn run(args: &Develop, json: bool) -> anyhow::Result<()> {
             None if matches!(recipe.output.encoding, Encoding::Pq | Encoding::Hlg) => png::Depth::Sixteen,
             None | Some(8) => png::Depth::Eight,
             Some(16) => png::Depth::Sixteen,
-            Some(other) => return Err(AskedWrongly(anyhow!("bits {other}: expected 8 or 16")).into()),
+            Some(other) => return Err(UsageError(anyhow!("bits {other}: expected 8 or 16")).into()),
         },
         ..Format::default()
     };
@@ -45,7 +45,7 @@ pub fn run(args: &Develop, json: bool) -> anyhow::Result<()> {
     let bright = args.output.iter().any(|p| matches!(output::kind(p), Ok(Kind::Jpeg)));
     if args.gain_map && (!bright || recipe.output.encoding != Encoding::Srgb) {
         return Err(
-            AskedWrongly(anyhow!("--gain-map: expected a .jpg to write, and output.encoding = \"srgb\" for its base")).into()
+            UsageError(anyhow!("--gain-map: expected a .jpg to write, and output.encoding = \"srgb\" for its base")).into()
         );
     }
     let mut reports = Vec::new();
@@ -106,7 +106,7 @@ struct Job {
 
 /// Checks the names before the work.
 fn jobs(args: &Develop) -> anyhow::Result<Vec<Job>> {
-    let wrong = |text: String| anyhow::Error::from(AskedWrongly(anyhow!(text)));
+    let wrong = |text: String| anyhow::Error::from(UsageError(anyhow!(text)));
     let beside = args.steps.iter().chain(&args.views).chain(&args.depth).next().is_some();
     if args.output.is_empty() && !beside && !args.raw.is_empty() {
         return Err(wrong("no picture to write: expected -o FILE, or --steps FOLDER".into()));

@@ -1,7 +1,7 @@
 //! `events`: what an event sensor sees of a scene.
 
 use super::print_json;
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::EventsArgs;
 use crate::output::{Output, distinct};
 use crate::watch::{self, say, warn, watched};
@@ -21,9 +21,9 @@ pub fn run(args: &EventsArgs, json: bool) -> anyhow::Result<()> {
         .iter()
         .map(|path| {
             let format = EventFormat::of(path).ok_or_else(|| {
-                AskedWrongly(anyhow!("{}: expected a name that ends in .npy, .csv or .raw (EVT 2.0)", path.display()))
+                UsageError(anyhow!("{}: expected a name that ends in .npy, .csv or .raw (EVT 2.0)", path.display()))
             })?;
-            format.holds(size, args.duration.0).map_err(|e| AskedWrongly(anyhow!("{}: {e}", path.display())))?;
+            format.holds(size, args.duration.0).map_err(|e| UsageError(anyhow!("{}: {e}", path.display())))?;
             Ok(format)
         })
         .collect::<anyhow::Result<Vec<_>>>()?;

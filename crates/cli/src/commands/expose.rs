@@ -1,7 +1,7 @@
 //! `expose`: a scene onto the focal plane.
 
 use super::print_json;
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::Expose;
 use crate::checkpoint;
 use crate::commands::exposure_summary::{display, say_ambient};
@@ -17,7 +17,7 @@ pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
     let mut file = args.taking.shot_file()?;
     if Sequence::new(&mut file)?.count() > 1 {
         return Err(
-            AskedWrongly(anyhow!("the shot file asks for a sequence: expected one exposure; `shoot` takes sequences")).into()
+            UsageError(anyhow!("the shot file asks for a sequence: expected one exposure; `shoot` takes sequences")).into()
         );
     }
     let output = output::prepare_exr(&args.output)?;

@@ -2,7 +2,7 @@
 
 use super::print_json;
 use super::tolerance::{lens_of, read_sheet};
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::FitLens;
 use crate::output::{Output, distinct};
 use crate::watch::{say, warn};
@@ -21,7 +21,7 @@ const MOST: usize = 10_000;
 
 pub fn run(asked: &FitLens, json: bool) -> anyhow::Result<()> {
     if !(1..=MOST).contains(&asked.iterations) {
-        return Err(AskedWrongly(anyhow!("iterations {}: expected 1 to {MOST}", asked.iterations)).into());
+        return Err(UsageError(anyhow!("iterations {}: expected 1 to {MOST}", asked.iterations)).into());
     }
     let text = read_sheet(&asked.measured)?;
     let wrong = |e: diopter::lens::LensError| anyhow::Error::from(ShotError::from(e));
@@ -36,7 +36,7 @@ pub fn run(asked: &FitLens, json: bool) -> anyhow::Result<()> {
     distinct(inputs.iter().flatten().map(PathBuf::as_path), asked.output.as_deref())?;
     let output = match &asked.output {
         Some(path) if path.extension().is_none_or(|e| e != "toml") => {
-            return Err(AskedWrongly(anyhow!("{}: expected a name that ends in .toml", path.display())).into());
+            return Err(UsageError(anyhow!("{}: expected a name that ends in .toml", path.display())).into());
         }
         Some(path) => Some(Output::prepare(path)?),
         None => None,
@@ -44,8 +44,8 @@ pub fn run(asked: &FitLens, json: bool) -> anyhow::Result<()> {
     let lens = lens_of(asked.lens.as_deref(), sheet.lens.as_deref(), &asked.measured)?;
     if let Some((path, entry)) = calibration {
         let name = path.display().to_string();
-        let source = read_camera(&path, None).map_err(|e| AskedWrongly(e.into()))?;
-        let (fields, pixel_mm) = seen_fields(&source, &name, entry.film_mm, entry.origin).map_err(|e| AskedWrongly(e.into()))?;
+        let source = read_camera(&path, None).map_err(|e| UsageError(e.into()))?;
+        let (fields, pixel_mm) = seen_fields(&source, &name, entry.film_mm, entry.origin).map_err(|e| UsageError(e.into()))?;
         sheet.add(&fields, entry.sigma_px * pixel_mm);
     }
     let report = LensFit::new(&lens, &sheet).and_then(|fit| fit.run(asked.iterations)).map_err(wrong)?;

@@ -14,7 +14,7 @@ mod report;
 use super::print_json;
 use crate::args::{Bench as Asked, LensVerb, List};
 use crate::watch::say;
-use crate::{AskedWrongly, paint};
+use crate::{UsageError, paint};
 use anyhow::anyhow;
 use diopter::lens::analysis::{Bench, VISUAL_NM};
 use diopter::lens::compound::{Configured, FilmPlace, configure, printed_focal_length};
@@ -130,7 +130,7 @@ impl Table {
         };
         if let Some(bad) = wavelengths.iter().find(|w| !WAVELENGTHS_NM.contains(*w)) {
             let (least, most) = WAVELENGTHS_NM.into_inner();
-            return Err(AskedWrongly(anyhow!("wavelength {bad} nm: expected {least} to {most}")).into());
+            return Err(UsageError(anyhow!("wavelength {bad} nm: expected {least} to {most}")).into());
         }
         // The file's own wavelengths have their notes already.
         if asked.wavelength.is_some() {
@@ -142,7 +142,7 @@ impl Table {
         };
         let n = set.system.indices(reference);
         if n.iter().any(|n| !n.is_finite()) {
-            return Err(AskedWrongly(anyhow!("wavelength {reference} nm: a glass of this lens has no index there")).into());
+            return Err(UsageError(anyhow!("wavelength {reference} nm: a glass of this lens has no index there")).into());
         }
         let object_distance = match focus {
             Some(Focus::Distance(d)) => Some(d.0 - FirstOrder::of(&set.system, &n).entrance_pupil_z),
@@ -167,7 +167,7 @@ impl Table {
             }
         };
         if let Some(bad) = fields.iter().find(|f| f.abs() > 120.0) {
-            return Err(AskedWrongly(anyhow!("field {bad}: expected an angle within 120 degrees")).into());
+            return Err(UsageError(anyhow!("field {bad}: expected an angle within 120 degrees")).into());
         }
         Ok(Table { prescription, set, object_distance, fields, wavelengths, reference })
     }
@@ -237,7 +237,7 @@ fn over_fields(asked: &Asked, most: f64, steps: usize) -> anyhow::Result<Vec<f64
     match &asked.field {
         Some(list) if list.0.len() > 1 => Ok(list.0.clone()),
         Some(_) if most == 0.0 => {
-            Err(AskedWrongly(anyhow!("field 0: expected an angle above 0 to go up to, or several: 0,10,14")).into())
+            Err(UsageError(anyhow!("field 0: expected an angle above 0 to go up to, or several: 0,10,14")).into())
         }
         _ => Ok((0..=steps).map(|i| most * i as f64 / steps as f64).collect()),
     }
@@ -251,7 +251,7 @@ fn no_light(field: f64) -> anyhow::Error {
 fn planes(defocus: Option<&List>) -> anyhow::Result<Vec<f64>> {
     let planes = defocus.map_or(vec![0.0], |list| list.0.clone());
     match planes.iter().find(|d| d.abs() > 1000.0) {
-        Some(bad) => Err(AskedWrongly(anyhow!("defocus {bad} mm: expected a place within 1000 mm of the film")).into()),
+        Some(bad) => Err(UsageError(anyhow!("defocus {bad} mm: expected a place within 1000 mm of the film")).into()),
         None => Ok(planes),
     }
 }

@@ -3,7 +3,7 @@
 //! A lesson is a data file (`lessons/*.toml`). Its commands are run by this program itself, one after another, in the folder that is written.
 
 use super::print_json;
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::LessonArgs;
 use crate::document::{self, Block, Document};
 use crate::output::Output;
@@ -63,19 +63,19 @@ pub fn run(args: &LessonArgs, threads: Option<NonZeroUsize>, json: bool) -> anyh
         let names = || LESSONS.iter().map(|l| l.0).chain(["list", "all"]);
         let hint = nearest(&args.name, names()).map_or(String::new(), |n| format!(" (did you mean \"{n}\"?)"));
         let all: Vec<&str> = names().collect();
-        return Err(AskedWrongly(anyhow!("lesson \"{}\": expected one of {}{hint}", args.name, all.join(", "))).into());
+        return Err(UsageError(anyhow!("lesson \"{}\": expected one of {}{hint}", args.name, all.join(", "))).into());
     }
     let Some(folder) = &args.output else {
-        return Err(AskedWrongly(anyhow!("lesson \"{}\": no folder; expected -o FOLDER to write it into", args.name)).into());
+        return Err(UsageError(anyhow!("lesson \"{}\": no folder; expected -o FOLDER to write it into", args.name)).into());
     };
     let on_paper = document::kind(folder) == Some(document::Kind::Pdf);
     if document::kind(folder) == Some(document::Kind::Html) {
         let wrong = anyhow!("{}: expected a folder, or a name that ends in .pdf", folder.display());
-        return Err(AskedWrongly(wrong).into());
+        return Err(UsageError(wrong).into());
     }
     if !on_paper && folder.exists() && !folder.is_dir() {
         let wrong = anyhow!("{}: this is a file; expected a folder, or a name that ends in .pdf", folder.display());
-        return Err(AskedWrongly(wrong).into());
+        return Err(UsageError(wrong).into());
     }
     let paper =
         if on_paper { Some((document::prepare(folder)?, tempfile::tempdir().context("a temporary folder")?)) } else { None };

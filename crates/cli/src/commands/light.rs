@@ -2,7 +2,7 @@
 
 use super::body::body_of;
 use super::{open, print_json, read_plane};
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::ReadOut;
 use crate::output::{self, now};
 use crate::watch::say;
@@ -30,7 +30,7 @@ pub fn is_asked(args: &ReadOut) -> bool {
 fn exposed(args: &ReadOut) -> anyhow::Result<(Sensor, FocalPlane)> {
     let place = || args.plane.display().to_string();
     let (exposure_s, t_number) = (args.exposure.map(|s| s.0), args.t_stop.map(|n| n.0));
-    let wrong = |text: String| anyhow::Error::from(AskedWrongly(anyhow!("{}: {text}", place())));
+    let wrong = |text: String| anyhow::Error::from(UsageError(anyhow!("{}: {text}", place())));
     // Ours tells what it is; light on the sensor it never is.
     let ours = FocalPlaneRows::open(open(&args.plane)?).is_ok();
     if ours {
@@ -86,7 +86,7 @@ pub fn run(args: &ReadOut, names: &[PathBuf], json: bool) -> anyhow::Result<()> 
     };
     let date = now();
     let taken = |k: usize| -> anyhow::Result<RawImage> {
-        let mut raw = read_out(&plane, &sensor, &reading(k), &white).map_err(|e| AskedWrongly(e.into()))?;
+        let mut raw = read_out(&plane, &sensor, &reading(k), &white).map_err(|e| UsageError(e.into()))?;
         raw.header.facts.date = Some(date.clone());
         Ok(raw)
     };

@@ -1,7 +1,7 @@
 //! `lut`: look-up tables.
 
 use super::print_json;
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::LutVerb;
 use crate::output::Output;
 use crate::watch::{say, warn};
@@ -35,7 +35,7 @@ pub fn run(verb: &LutVerb, json: bool) -> anyhow::Result<()> {
         }
         LutVerb::Bake { developing, size, input, output } => {
             if output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("cube")) {
-                return Err(AskedWrongly(anyhow!("{}: expected a name that ends in .cube", output.display())).into());
+                return Err(UsageError(anyhow!("{}: expected a name that ends in .cube", output.display())).into());
             }
             let mut recipe = Recipe::default();
             developing.apply(&mut recipe)?;

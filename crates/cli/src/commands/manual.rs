@@ -2,7 +2,7 @@
 
 use crate::output::Output;
 use crate::watch::say;
-use crate::{AskedWrongly, help};
+use crate::{UsageError, help};
 use anyhow::{Context, anyhow};
 use clap::Command;
 use clap_mangen::Man;
@@ -37,7 +37,7 @@ pub fn man(verb: &[String], folder: Option<&Path>, json: bool) -> anyhow::Result
                 true => format!("nothing after \"{}\", which has no verbs of its own", found.get_name()),
                 false => format!("one of {}", known.join(", ")),
             };
-            AskedWrongly(anyhow!("verb \"{word}\": expected {expected}"))
+            UsageError(anyhow!("verb \"{word}\": expected {expected}"))
         })?;
     }
     write_all(&page(found)?.1)

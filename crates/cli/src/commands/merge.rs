@@ -1,7 +1,7 @@
 //! `merge`: parts of an exposure into the whole, or an exposure series into one picture of more range.
 
 use super::{PlaneFile, print_json, read_raw};
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::Merge;
 use crate::output::{self, Format, Kind};
 use crate::watch::say;
@@ -18,7 +18,7 @@ pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
         return series(args, json);
     }
     if raws > 0 {
-        return Err(AskedWrongly(anyhow!(
+        return Err(UsageError(anyhow!(
             "{raws} of {} files are raw files: expected focal planes or raw files, not both",
             args.parts.len()
         ))
@@ -26,7 +26,7 @@ pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
     }
     let output = output::prepare_exr(&args.output)?;
     let parts = args.parts.iter().map(|p| PlaneFile::open(p)).collect::<anyhow::Result<Vec<_>>>()?;
-    let mut whole = Merged::new(parts).map_err(|e| AskedWrongly(e.into()))?;
+    let mut whole = Merged::new(parts).map_err(|e| UsageError(e.into()))?;
     let path = output::write_strips(output, &mut whole)?;
     let facts = whole.facts();
     let end = facts.first_sample + facts.samples;
@@ -41,7 +41,7 @@ pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
 fn series(args: &Merge, json: bool) -> anyhow::Result<()> {
     let outputs = output::prepare_pictures(std::slice::from_ref(&args.output))?;
     let raws: Vec<RawImage> = args.parts.iter().map(|p| read_raw(p)).collect::<anyhow::Result<_>>()?;
-    let merged = hdr::merge(&raws).map_err(|e| AskedWrongly(e.into()))?;
+    let merged = hdr::merge(&raws).map_err(|e| UsageError(e.into()))?;
     let written = output::write_pictures(outputs, &merged, None, &Recipe::default(), None, Format::default())?;
     say(&format!("{} pictures, {:.1} EV more range than one", raws.len(), extra_range(&raws)));
     written.iter().for_each(|p| say(&format!("wrote {}", p.display())));

@@ -2,7 +2,7 @@
 
 use super::print_json;
 use super::tolerance::{lens_of, read_sheet};
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::Optimise;
 use crate::output::{Output, distinct};
 use crate::watch::say;
@@ -20,12 +20,12 @@ pub fn run(asked: &Optimise, json: bool) -> anyhow::Result<()> {
     distinct([asked.merit.as_path()], asked.output.as_deref())?;
     for (what, count) in [("global", asked.global), ("iterations", asked.iterations)] {
         if count > MOST {
-            return Err(AskedWrongly(anyhow!("{what} {count}: expected at most {MOST}")).into());
+            return Err(UsageError(anyhow!("{what} {count}: expected at most {MOST}")).into());
         }
     }
     let output = match &asked.output {
         Some(path) if path.extension().is_none_or(|e| e != "toml") => {
-            return Err(AskedWrongly(anyhow!("{}: expected a name that ends in .toml", path.display())).into());
+            return Err(UsageError(anyhow!("{}: expected a name that ends in .toml", path.display())).into());
         }
         Some(path) => Some(Output::prepare(path)?),
         None => None,

@@ -1,7 +1,7 @@
 //! `quick-look`: depth of field for a sharp picture with depth.
 
 use super::{open, print_json};
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::QuickLook;
 use crate::output;
 use crate::watch::say;
@@ -17,7 +17,7 @@ use std::time::Instant;
 
 pub fn run(args: &QuickLook, json: bool) -> anyhow::Result<()> {
     output::distinct([args.picture.as_path()], [args.output.as_path()])?;
-    let wrong = |text: String| anyhow::Error::from(AskedWrongly(anyhow!(text)));
+    let wrong = |text: String| anyhow::Error::from(UsageError(anyhow!(text)));
     let output = output::prepare_exr(&args.output)?;
     let format = Format::parse(&args.format).ok_or_else(|| {
         let names: Vec<&str> = FORMATS.iter().map(|f| f.names[0]).collect();

@@ -2,7 +2,7 @@
 
 use super::body::body_of;
 use super::{light, open, print_json, read_plane};
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::ReadOut;
 use crate::output::{self, now};
 use crate::watch::say;
@@ -29,7 +29,7 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
     if args.shots.get() > MOST_SHOTS {
         let wrong =
             anyhow!("shots {}: expected 1 to {MOST_SHOTS}; more are several runs, each with a --seed of its own", args.shots);
-        return Err(AskedWrongly(wrong).into());
+        return Err(UsageError(wrong).into());
     }
     let names = output::numbered(&args.output, args.shots.get());
     output::distinct([args.plane.as_path()], names.iter().chain(&args.truth).map(|p| p.as_path()))?;
@@ -52,7 +52,7 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
         temperature_c: args.raw.temperature,
         white: args.white.clone(),
     };
-    let asked = |e| anyhow::Error::from(AskedWrongly(anyhow::Error::from(e).context(place())));
+    let asked = |e| anyhow::Error::from(UsageError(anyhow::Error::from(e).context(place())));
     let date = now();
     let prepare = |k: usize| {
         let time = first.facts().exposure_s;

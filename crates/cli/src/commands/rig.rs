@@ -1,7 +1,7 @@
 //! `rig`: several cameras on one frame, and all that is known of them.
 
 use super::print_json;
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::RigArgs;
 use crate::output::Output;
 use crate::watch::{self, say, warn, watched};
@@ -65,7 +65,7 @@ fn claim(folder: &Path) -> anyhow::Result<bool> {
     match std::fs::read_dir(folder) {
         Ok(mut entries) => match entries.next() {
             None => Ok(false),
-            Some(_) => Err(AskedWrongly(anyhow!("{}: it is not empty; expected a new or empty folder", folder.display())).into()),
+            Some(_) => Err(UsageError(anyhow!("{}: it is not empty; expected a new or empty folder", folder.display())).into()),
         },
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
             std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))?;

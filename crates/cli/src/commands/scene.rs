@@ -1,14 +1,14 @@
 //! `scene list`, `scene info` and `scene convert`.
 
 use super::{print_json, shown};
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::SceneVerb;
 use crate::output::{Output, distinct};
 use crate::watch::warn;
 use anyhow::anyhow;
 use diopter::camera::{look_at, three_quarter_view};
 use diopter::scene::light::PunctualKind;
-use diopter::scene::scene::{Sight, Viewpoint};
+use diopter::scene::scene::{CameraProjection, Viewpoint};
 use diopter::scene::{Description, Scene, Shape, builtin};
 use diopter::shot::{odd_size, read_scene};
 use std::collections::HashMap;
@@ -234,7 +234,7 @@ fn convert(name: &str, output: &Path, strict: bool, json: bool) -> anyhow::Resul
         description.cameras.push(Viewpoint {
             name: "view".into(),
             world_from_camera: place,
-            sight: Sight::Perspective { vertical_fov },
+            sight: CameraProjection::Perspective { vertical_fov },
             lens: None,
             film: Default::default(),
             node: None,
@@ -250,7 +250,7 @@ fn convert(name: &str, output: &Path, strict: bool, json: bool) -> anyhow::Resul
             let beside = binary.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
             vec![(output.to_owned(), written.text(&beside).into_bytes()), (binary, written.binary.clone())]
         }
-        _ => return Err(AskedWrongly(anyhow!("output {}: expected a name that ends in .glb or .gltf", output.display())).into()),
+        _ => return Err(UsageError(anyhow!("output {}: expected a name that ends in .glb or .gltf", output.display())).into()),
     };
     let source = Path::new(name);
     let mut read = vec![source.to_owned()];
@@ -282,9 +282,9 @@ fn glam_point(c: &diopter::scene::scene::Viewpoint) -> String {
 
 fn sight(c: &diopter::scene::scene::Viewpoint) -> String {
     match &c.sight {
-        Sight::Perspective { vertical_fov } => format!("{:.1}° high", vertical_fov.to_degrees()),
-        Sight::Orthographic { height } => format!("orthographic, {height} m high"),
-        Sight::Panorama => "all around".into(),
-        Sight::Table(lens) => format!("through {} focused at {} m", lens.file, lens.focus_m),
+        CameraProjection::Perspective { vertical_fov } => format!("{:.1}° high", vertical_fov.to_degrees()),
+        CameraProjection::Orthographic { height } => format!("orthographic, {height} m high"),
+        CameraProjection::Panorama => "all around".into(),
+        CameraProjection::Table(lens) => format!("through {} focused at {} m", lens.file, lens.focus_m),
     }
 }

@@ -3,7 +3,7 @@
 
 use super::exposure_summary::setting;
 use super::print_json;
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::{Sheet, Shoot};
 use crate::contact_sheet::{self, Below, Cell, ContactSheet, Kind};
 use crate::memory;
@@ -15,7 +15,7 @@ use diopter::develop::Developer;
 use diopter::image::{ExposureFacts, FocalPlane, Picture, PictureSource, RawImage};
 use diopter::metering::ev100_of_setting;
 use diopter::sheet::{Cells, SheetFile, Table};
-use diopter::shot::{FireflyChoice, Inputs, Kept, SceneCache, Sequence, Shot, ShotError, ShotFile};
+use diopter::shot::{ExposureUse, FireflyChoice, Inputs, SceneCache, Sequence, Shot, ShotError, ShotFile};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::time::Instant;
@@ -131,7 +131,7 @@ impl Shared {
         let mut single = file.clone();
         if Sequence::new(&mut single)?.count() > 1 {
             let wrong = anyhow!("the shot asks for a sequence: expected single pictures on a sheet; a varied --at shows moments");
-            return Err(AskedWrongly(wrong).into());
+            return Err(UsageError(wrong).into());
         }
         file.develop.check().map_err(ShotError::from)?;
         diopter::recipe_file::lut(&file.develop)?;
@@ -185,8 +185,8 @@ impl Shared {
         shot.denoise_pictures(false, warn)?;
         // Pictures: as `shoot` does where no file is an exposure.
         shot.fireflies = file.render.fireflies.unwrap_or(FireflyChoice::Reweight);
-        memory::settle_fireflies(&mut shot, Kept::ReadOut, self.max_memory);
-        memory::check(&shot, Kept::ReadOut, self.max_memory)?;
+        memory::settle_fireflies(&mut shot, ExposureUse::ReadOut, self.max_memory);
+        memory::check(&shot, ExposureUse::ReadOut, self.max_memory)?;
         watched("focusing", |w| shot.focus(w, warn))?;
         watched("metering", |w| shot.meter(w, warn))?;
         let key = shot.exposure_key();

@@ -2,7 +2,7 @@
 
 use super::exposure_summary::{display, say_ambient, setting};
 use super::{print_json, stack};
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::Shoot;
 use crate::checkpoint;
 use crate::memory;
@@ -17,7 +17,7 @@ use diopter::image::RawImage;
 use diopter::lens::draw::{Axis, Chart, Color, Figure, Line, Style};
 use diopter::sensor::ReadOut;
 use diopter::shot::setting::Setting;
-use diopter::shot::{FireflyChoice, Kept, Sequence, Shot};
+use diopter::shot::{ExposureUse, FireflyChoice, Sequence, Shot};
 use diopter::truth;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -28,27 +28,27 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     let started = Instant::now();
     let mut file = args.taking.shot_file()?;
     args.developing.apply(&mut file.develop)?;
-    file.camera.serial.take_over(args.raw.serial.clone());
-    file.exposure.temperature_c.take_over(args.raw.temperature);
+    file.camera.serial.override_with(args.raw.serial.clone());
+    file.exposure.temperature_c.override_with(args.raw.temperature);
     if !args.sheet.is_empty() {
         return super::sheet::of_shot(args, file, json);
     }
-    file.output.files.take_over(args.output.clone());
+    file.output.files.override_with(args.output.clone());
     // A series that is only wanted joined leaves no single pictures.
     if file.output.files.is_empty() && args.merge.is_none() && args.stack.is_none() {
         file.output.files.push(PathBuf::from("photo.jpg"));
     }
-    file.sequence.take_over(args.sequence.clone());
-    file.camera.dual_pixel.take_over(args.dual_pixel);
+    file.sequence.override_with(args.sequence.clone());
+    file.camera.dual_pixel.override_with(args.dual_pixel);
     let sequence = Sequence::new(&mut file)?;
     if args.merge.is_some() && !sequence.is_mergeable() {
-        return Err(AskedWrongly(anyhow!(
+        return Err(UsageError(anyhow!(
             "--merge joins an exposure series: expected --bracket or --staggered beside it, such as --bracket 5 --step 1ev"
         ))
         .into());
     }
     if args.stack.is_some() && !matches!(sequence, Sequence::Focus { count: 2.., .. }) {
-        return Err(AskedWrongly(anyhow!(
+        return Err(UsageError(anyhow!(
             "--stack joins a focus series: expected --focus-bracket of two or more beside it, such as --focus-bracket 7"
         ))
         .into());
@@ -103,12 +103,12 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     }
     let series_is_looked_at = args.merge.iter().chain(&args.stack).all(|p| looked_at(&p));
     let kept = match (truths.is_empty(), planes.is_empty()) {
-        (false, _) => Kept::Truth,
-        (true, false) => Kept::Plane,
-        (true, true) => Kept::ReadOut,
+        (false, _) => ExposureUse::Truth,
+        (true, false) => ExposureUse::Plane,
+        (true, true) => ExposureUse::ReadOut,
     };
     let all = file.output.files.iter().chain(&args.merge).chain(&args.stack);
-    let exposures = kept != Kept::ReadOut || all.map(|p| output::kind(p)).any(|k| matches!(k, Ok(Kind::Exr | Kind::Dng)));
+    let exposures = kept != ExposureUse::ReadOut || all.map(|p| output::kind(p)).any(|k| matches!(k, Ok(Kind::Exr | Kind::Dng)));
     choose_fireflies(&mut shot, file.render.fireflies, exposures);
     memory::settle_fireflies(&mut shot, kept, args.taking.max_memory);
     memory::check(&shot, kept, args.taking.max_memory)?;
@@ -118,7 +118,7 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     let focused = begun.elapsed().as_secs_f64();
     if let Some(outputs) = plot_file {
         let Some(report) = &report else {
-            return Err(AskedWrongly(anyhow!("--plot-focus shows what autofocus saw: expected --focus auto beside it")).into());
+            return Err(UsageError(anyhow!("--plot-focus shows what autofocus saw: expected --focus auto beside it")).into());
         };
         paint::write(outputs, &focus_plot(report))?.iter().for_each(|p| say(&format!("wrote {}", p.display())));
     }
@@ -131,7 +131,7 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     if let Some(output) = shot_file {
         // What was run: also what had been left open, and by paths that hold wherever the shot file lies.
         file.make_paths_absolute();
-        shot.settle(&mut file);
+        shot.write_resolved(&mut file);
         output.commit(|to| Ok(to.write_all(file.to_toml().as_bytes())?))?;
     }
 

@@ -1,7 +1,7 @@
 //! `stack`: a focus series into one picture that is sharp all over.
 
 use super::{print_json, read_raw};
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::Stack;
 use crate::output::{self, Kind, Output};
 use crate::watch::say;
@@ -32,7 +32,7 @@ pub fn run(args: &Stack, json: bool) -> anyhow::Result<()> {
 /// Checks names and folders of stacked pictures. Fails on a DNG, on other endings, and where one cannot be written.
 pub fn prepare(paths: &[PathBuf]) -> anyhow::Result<Vec<(Kind, Output)>> {
     if let Some(path) = paths.iter().find(|p| matches!(output::kind(p), Ok(Kind::Dng))) {
-        return Err(AskedWrongly(anyhow!("{}: a stacked picture is .jpg, .png, .tif or .exr", path.display())).into());
+        return Err(UsageError(anyhow!("{}: a stacked picture is .jpg, .png, .tif or .exr", path.display())).into());
     }
     output::prepare_pictures(paths)
 }
@@ -46,7 +46,7 @@ pub fn write(
 ) -> anyhow::Result<Vec<PathBuf>> {
     // Film distance behind the lens: focal length and what the film is moved back.
     if raws.len() < 2 {
-        return Err(AskedWrongly(StackError::TooFew.into()).into());
+        return Err(UsageError(StackError::TooFew.into()).into());
     }
     let drawn = |r: &RawImage| {
         let f = &r.header.facts;
@@ -72,7 +72,7 @@ pub fn write(
         let (recipe, lut) = if kind == Kind::Exr { (&light, None) } else { (recipe, lut.cloned()) };
         let pictures: Vec<Picture> =
             raws.iter().map(|r| develop(r, recipe, lut.clone())).collect::<Result<_, _>>().map_err(ShotError::from)?;
-        let picture = stack(&pictures, &scales).map_err(|e| AskedWrongly(e.into()))?;
+        let picture = stack(&pictures, &scales).map_err(|e| UsageError(e.into()))?;
         written.push(output::write_picture(kind, output, &picture)?);
     }
     Ok(written)

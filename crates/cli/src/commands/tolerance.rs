@@ -5,7 +5,7 @@ use crate::args::{Build, Tolerance};
 use crate::html::escaped;
 use crate::output::{Output, distinct};
 use crate::watch::say;
-use crate::{AskedWrongly, paint};
+use crate::{UsageError, paint};
 use anyhow::{Context, anyhow};
 use diopter::lens::Prescription;
 use diopter::lens::draw::{Distributed, Figure, distribution_plot};
@@ -46,7 +46,7 @@ pub(super) fn lens_of(asked: Option<&str>, named: Option<&str>, sheet: &Path) ->
         (None, Some(named)) => lens_beside(named, sheet),
         (None, None) => {
             let what = "no lens: expected lens = \"...\" in the file, or --lens NAME";
-            return Err(AskedWrongly(anyhow!("{}: {what}", sheet.display())).into());
+            return Err(UsageError(anyhow!("{}: {what}", sheet.display())).into());
         }
     };
     let prescription = read_lens(&name)?;
@@ -71,7 +71,7 @@ enum Target {
 
 pub fn run(asked: &Tolerance, json: bool) -> anyhow::Result<()> {
     if !(1..=MOST_BUILDS).contains(&asked.builds) {
-        return Err(AskedWrongly(anyhow!("builds {}: expected 1 to {MOST_BUILDS}", asked.builds)).into());
+        return Err(UsageError(anyhow!("builds {}: expected 1 to {MOST_BUILDS}", asked.builds)).into());
     }
     distinct([asked.sheet.as_path()], asked.output.iter().map(PathBuf::as_path))?;
     // Whether files can be written is known before the work.
@@ -84,7 +84,7 @@ pub fn run(asked: &Tolerance, json: bool) -> anyhow::Result<()> {
             Some("svg" | "png") => return Ok(Target::Plot(path.clone())),
             _ => {
                 let what = anyhow!("{}: expected a name that ends in .html, .csv, .json, .svg or .png", path.display());
-                return Err(AskedWrongly(what).into());
+                return Err(UsageError(what).into());
             }
         };
         Ok(Target::Text(Output::prepare(path)?, text))
@@ -98,7 +98,7 @@ pub fn run(asked: &Tolerance, json: bool) -> anyhow::Result<()> {
     if numbers > MOST_NUMBERS {
         let most = MOST_NUMBERS / toleranced.quantities().len();
         let found = format!("{} builds of {} quantities", asked.builds, toleranced.quantities().len());
-        return Err(AskedWrongly(anyhow!("-n: {found}; expected at most {most} builds, or fewer fields and frequencies")).into());
+        return Err(UsageError(anyhow!("-n: {found}; expected at most {most} builds, or fewer fields and frequencies")).into());
     }
     let report = Report::new(toleranced, asked.builds, seed);
     for target in targets {
@@ -122,7 +122,7 @@ pub fn build(asked: &Build, json: bool) -> anyhow::Result<()> {
     distinct([asked.sheet.as_path()], asked.output.as_deref())?;
     let output = match &asked.output {
         Some(path) if path.extension().is_none_or(|e| e != "toml") => {
-            return Err(AskedWrongly(anyhow!("{}: expected a name that ends in .toml", path.display())).into());
+            return Err(UsageError(anyhow!("{}: expected a name that ends in .toml", path.display())).into());
         }
         Some(path) => Some(Output::prepare(path)?),
         None => None,
@@ -162,7 +162,7 @@ fn named(toleranced: &Toleranced, values: &[f64]) -> Value {
 /// perturbations that cost most.
 pub(super) fn summary(sheet: &Path, lens: &str, builds: usize) -> anyhow::Result<(String, Vec<Vec<String>>, Vec<String>)> {
     if !(1..=MOST_BUILDS).contains(&builds) {
-        return Err(AskedWrongly(anyhow!("builds {builds}: expected 1 to {MOST_BUILDS}")).into());
+        return Err(UsageError(anyhow!("builds {builds}: expected 1 to {MOST_BUILDS}")).into());
     }
     let (toleranced, seed) = toleranced(sheet, Some(lens), None)?;
     let r = Report::new(toleranced, builds, seed);

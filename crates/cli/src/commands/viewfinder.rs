@@ -1,7 +1,7 @@
 //! `viewfinder`: a camera in the browser.
 
 use super::print_json;
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::{self, Viewfinder};
 use crate::output;
 use crate::watch::{self, say, warn};
@@ -31,7 +31,7 @@ pub fn run(args: &Viewfinder, json: bool) -> anyhow::Result<()> {
     };
     diopter_viewfinder::serve(&options, ready, &mut warn).map_err(|e| match e {
         ServeError::Shot(e) => e.into(),
-        ServeError::Port { .. } => AskedWrongly(e.into()).into(),
+        ServeError::Port { .. } => UsageError(e.into()).into(),
         e => e.into(),
     })
 }

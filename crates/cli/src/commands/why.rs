@@ -4,7 +4,7 @@
 //! camera: its shot file (`shoot --save-shot`) stands beside it and is held against what the raw file says.
 
 use super::{print_json, read_raw, shown};
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args;
 use crate::document::{self, Block, Document};
 use crate::watch::{say, warn, watched};
@@ -30,7 +30,7 @@ fn has_ending(path: &Path, ending: &str) -> bool {
 
 pub fn run(asked: &args::Why, json: bool) -> anyhow::Result<()> {
     if let Some(path) = asked.output.as_deref().filter(|p| document::kind(p).is_none()) {
-        return Err(AskedWrongly(anyhow!("{}: expected a name that ends in .html or .pdf", path.display())).into());
+        return Err(UsageError(anyhow!("{}: expected a name that ends in .html or .pdf", path.display())).into());
     }
     let raw = if has_ending(&asked.subject, "dng") { Some(read_raw(&asked.subject)?) } else { None };
     let mut file = shot_file(asked, raw.is_some())?;
@@ -77,7 +77,7 @@ fn shot_file(asked: &args::Why, is_raw: bool) -> anyhow::Result<ShotFile> {
     if !is_raw {
         if asked.shot.is_some() {
             let wrong = anyhow!("--shot belongs to a raw file: expected PHOTO.dng beside it, found {}", subject.display());
-            return Err(AskedWrongly(wrong).into());
+            return Err(UsageError(wrong).into());
         }
         if has_ending(subject, "toml") {
             return Ok(ShotFile::read(subject)?);
@@ -87,7 +87,7 @@ fn shot_file(asked: &args::Why, is_raw: bool) -> anyhow::Result<ShotFile> {
                 "{}: a picture does not say how it was taken; expected its shot file (shoot --save-shot SHOT.toml), or a raw file with it beside",
                 subject.display()
             );
-            return Err(AskedWrongly(wrong).into());
+            return Err(UsageError(wrong).into());
         }
         let mut shot = ShotFile::default();
         shot.scene.file = Some(subject.display().to_string());
@@ -103,7 +103,7 @@ fn shot_file(asked: &args::Why, is_raw: bool) -> anyhow::Result<ShotFile> {
             subject.display(),
             beside.display()
         );
-        return Err(AskedWrongly(wrong).into());
+        return Err(UsageError(wrong).into());
     }
     Ok(ShotFile::read(&beside)?)
 }
@@ -118,7 +118,7 @@ pub(super) fn agree(path: &Path, raw: &RawImage, shot: &Shot) -> anyhow::Result<
             "{}: {what} {found}; expected {expected}, as the shot file says: it belongs to another picture",
             path.display()
         );
-        Err(AskedWrongly(wrong).into())
+        Err(UsageError(wrong).into())
     };
     if size != [film.columns, film.rows] {
         return differ("pixels", format!("{} × {}", size[0], size[1]), format!("{} × {}", film.columns, film.rows));
@@ -166,7 +166,7 @@ fn reduced(raw: &RawImage, shot: &Shot) -> anyhow::Result<Picture> {
 /// The picture of a shot, in small: with everything set as it was found.
 fn taken(file: &ShotFile, shot: &Shot) -> anyhow::Result<Picture> {
     let mut small = file.clone();
-    shot.settle(&mut small);
+    shot.write_resolved(&mut small);
     let film = &shot.camera.film;
     let scale = (PICTURE as f64 / film.columns.max(film.rows) as f64).min(1.0);
     let side = |n: usize| ((n as f64 * scale).round() as usize).max(1);

@@ -49,7 +49,7 @@ impl Neighbours {
         self.reach
     }
 
-    /// Mends a plane (`width` wide; its corner at a place of the pattern) but for a border of [`Neighbours::reach`]. `deviation`: of
+    /// Repairs the defective pixels of a plane (`width` wide; its corner at a place of the pattern) but for a border of [`Neighbours::reach`]. `deviation`: of
     /// the noise at a value, for the channel at a pixel of the plane.
     pub fn corrected(
         &self,

@@ -151,7 +151,7 @@ pub fn of_camera(camera: &Camera, kind: Option<ModelKind>, which: PrincipalRay) 
     let (lens, film) = (&camera.lens, &camera.film);
     let size = [film.columns, film.rows];
     let own = match lens {
-        Lens::Calibrated(ideal) if kind.is_none() && film.middle_mm == [0.0; 2] => json::of_ideal(ideal).map(|model| {
+        Lens::Calibrated(ideal) if kind.is_none() && film.center_mm == [0.0; 2] => json::of_ideal(ideal).map(|model| {
             let [w, h] = ideal.grid().size;
             model.scaled(DVec2::new(size[0] as f64 / w as f64, size[1] as f64 / h as f64))
         }),

@@ -7,7 +7,7 @@
 use super::item::json_of;
 use super::sha256::{self, Hashing};
 use super::{Dataset, Layout, parquet, tar};
-use crate::expose::{ExposeError, Watch};
+use crate::expose::{ExposeError, ProgressReporter};
 use crate::shot::{SceneCache, ShotError, is_of_scene};
 use serde_json::{Map, Value, json};
 use std::fs::{self, File, OpenOptions};
@@ -144,17 +144,17 @@ impl Folder {
 
     /// Makes the items of a range that are missing, without packing them. Stops with [`ExposeError::Cancelled`]; what is done stays. Fails where an item cannot be made
     /// or written.
-    pub fn make_items(&self, items: Range<u64>, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+    pub fn make_items(&self, items: Range<u64>, watch: &ProgressReporter, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         self.work(items, false, watch, warn)
     }
 
     /// Makes all that is missing, and finishes. Fails as [`Folder::make_items`] and [`Folder::finish`].
-    pub fn make(&self, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<Made, ShotError> {
+    pub fn make(&self, watch: &ProgressReporter, warn: &mut dyn FnMut(&str)) -> Result<Made, ShotError> {
         self.work(0..self.dataset.items, true, watch, warn)?;
         self.finish()
     }
 
-    fn work(&self, items: Range<u64>, pack: bool, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+    fn work(&self, items: Range<u64>, pack: bool, watch: &ProgressReporter, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         let mut scenes = SceneCache::new();
         let (mut done, total) = (0.0, (items.end.saturating_sub(items.start)).max(1) as f64);
         for shard in &self.shards {
@@ -166,7 +166,8 @@ impl Folder {
                     return Err(ExposeError::Cancelled.into());
                 }
                 let begun = done;
-                let within = Watch { cancel: watch.cancel, progress: &|part: f64| (watch.progress)((begun + part) / total) };
+                let within =
+                    ProgressReporter { cancel: watch.cancel, progress: &|part: f64| (watch.progress)((begun + part) / total) };
                 let archive = self.dataset.make_item(item, &mut scenes, &within, warn)?;
                 self.keep(item, &archive)?;
                 done += 1.0;
@@ -508,7 +509,7 @@ mod tests {
     }
 
     fn make(folder: &Folder) -> Result<Made, ShotError> {
-        folder.make(&Watch { cancel: &AtomicBool::new(false), progress: &|_| () }, &mut |_| ())
+        folder.make(&ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () }, &mut |_| ())
     }
 
     #[test]
@@ -529,13 +530,13 @@ mod tests {
             }
         };
         let first = Folder::open(set(SPEC), &at("b")).unwrap();
-        let e = first.make(&Watch { cancel: &cancel, progress: &stop }, &mut |_| ()).unwrap_err();
+        let e = first.make(&ProgressReporter { cancel: &cancel, progress: &stop }, &mut |_| ()).unwrap_err();
         assert!(matches!(e, ShotError::Expose(ExposeError::Cancelled)), "{e}");
         let left = first.missing();
         assert!(!left.is_empty() && left.len() < 6, "{left:?}");
         let second = Folder::open(set(SPEC), &at("b")).unwrap();
         for item in left.iter().rev() {
-            let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+            let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
             second.make_items(*item..item + 1, &watch, &mut |_| ()).unwrap();
         }
         assert!(first.missing().is_empty());

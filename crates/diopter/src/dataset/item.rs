@@ -1,7 +1,7 @@
 //! An item: one shot, from scene to files in memory.
 
 use super::{Dataset, tar};
-use crate::expose::{ExposeError, Watch};
+use crate::expose::{ExposeError, ProgressReporter};
 use crate::npy;
 use crate::raw_file;
 use crate::shot::{Inputs, SceneCache, Sequence, Shot, ShotError};
@@ -136,7 +136,7 @@ impl Dataset {
         &self,
         item: u64,
         scenes: &mut SceneCache,
-        watch: &Watch,
+        watch: &ProgressReporter,
         warn: &mut dyn FnMut(&str),
     ) -> Result<Vec<u8>, ShotError> {
         let mut file = self.relative_shot(item)?;
@@ -146,7 +146,7 @@ impl Dataset {
         // A shutter angle becomes a time.
         Sequence::new(&mut file)?;
         let mut shot = Shot::prepare_cached(&file, Inputs::default(), scenes, warn)?;
-        let quiet = Watch { cancel: watch.cancel, progress: &|_| () };
+        let quiet = ProgressReporter { cancel: watch.cancel, progress: &|_| () };
         shot.focus(&quiet, warn)?;
         shot.meter_if_needed(&quiet, warn)?;
         let exposed = shot.expose_from(None, watch, None)?;
@@ -292,7 +292,7 @@ mod tests {
 
     fn make(set: &Dataset, item: u64, scenes: &mut SceneCache) -> Vec<u8> {
         let cancel = AtomicBool::new(false);
-        set.make_item(item, scenes, &Watch { cancel: &cancel, progress: &|_| () }, &mut |_| ()).unwrap()
+        set.make_item(item, scenes, &ProgressReporter { cancel: &cancel, progress: &|_| () }, &mut |_| ()).unwrap()
     }
 
     const SPEC: &str = "seed = 2\n[shot]\nscene.file = \"cornell\"\nexposure.shutter = \"1/30\"\nrender = { size = \"24x16\", spp = 2 }\n\

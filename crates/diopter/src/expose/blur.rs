@@ -75,7 +75,7 @@ impl Blur {
         };
         let mut nodes: Vec<Option<Node>> = (0..NODES[0] * NODES[1]).into_par_iter().map(|i| node(camera, place(i))).collect();
         // The pupil is open where the axis meets the film.
-        let axis = DVec2::new(0.5 - film.middle_mm[0] / film.width_mm, 0.5 + film.middle_mm[1] / film.height_mm) * size;
+        let axis = DVec2::new(0.5 - film.center_mm[0] / film.width_mm, 0.5 + film.center_mm[1] / film.height_mm) * size;
         let widest = || nodes.iter().flatten().map(|n| n.open).fold(0.0, f64::max);
         let whole = node(camera, axis).map_or_else(widest, |n| n.open);
         if whole > 0.0 {

@@ -1,20 +1,20 @@
 //! Samples of the pixels of a tile on their way into the scene: film and pupil to rays.
 
 use super::diffraction::Displaced;
-use super::landings::Square;
+use super::dispersion_variate::PixelFootprint;
 use super::light_tracing::CameraSample;
 use super::unit::Unit;
 use crate::camera::Film;
 use crate::mount::M2_PER_MM2;
 use diopter_image::focal_plane::BandUnit;
 use diopter_lens::batch::single::LANES;
-use diopter_lens::compound::{CompoundLens, Exits, PupilSampler, Samples, Scratch};
-use diopter_lens::microlens::{Behind, MicrolensSample};
+use diopter_lens::compound::{CompoundLens, ExitRays, PupilSampler, Samples, Scratch};
+use diopter_lens::microlens::{MicrolensOptics, MicrolensSample};
 use diopter_lens::pupil::PupilTable;
 use diopter_lens::{Lens, LensRay};
 use diopter_light::Ray;
-use diopter_light::random::{Sampler, Set};
-use diopter_light::wavelength::Wavelengths;
+use diopter_light::random::{Dimensions, Sampler};
+use diopter_light::wavelength::SampledWavelengths;
 use glam::DVec2;
 use std::ops::Range;
 
@@ -24,12 +24,12 @@ pub(super) struct CameraRay {
     pub pixel: [usize; 2],
     pub sampler: Sampler,
     pub ray: Ray,
-    pub wavelengths: Wavelengths,
+    pub wavelengths: SampledWavelengths,
     /// Exposure that a radiance stands for, in the unit of the bands, the weights of the lens left out.
     pub exposure: f32,
     /// Weight of each wavelength by the lens.
     pub weights: [f32; 4],
-    /// What each wavelength counts beside that, where diffraction displaces them together.
+    /// Factor of each wavelength by the displacement of diffraction, 1 without.
     pub factors: [f32; 4],
     /// How, if so.
     pub displaced: Option<Displaced>,
@@ -48,7 +48,7 @@ pub(super) struct Spread {
     /// When these are open, s.
     pub windows: [Option<(f64, f64)>; 4],
     /// Where the pixel as a whole lands, where that is asked for.
-    pub squares: Option<[Square; 3]>,
+    pub squares: Option<[PixelFootprint; 3]>,
     /// When the sample was taken, s, and where in the pupil.
     pub time: f64,
     pub pupil: f64,
@@ -63,12 +63,12 @@ pub(super) const RADIANCE_REDRAWS: u32 = 64;
 /// The numbers of a sample at an attempt: new ones each time, independent of those before, so that what passes at last is even over all that passes
 /// (rejection sampling). Steps of a low-discrepancy sequence would not be: they prefer what is first reached from the blocked part.
 fn drawn_again(numbers: [f32; 4], sampler: &Sampler, attempt: u32) -> [f32; 4] {
-    if attempt == 0 { numbers } else { sampler.get(Set::Redraw(attempt)) }
+    if attempt == 0 { numbers } else { sampler.get(Dimensions::Redraw(attempt)) }
 }
 
 /// Rays from places of the sensor through a microlens array.
 struct FromSensor<'a> {
-    behind: &'a Behind,
+    behind: &'a MicrolensOptics,
     rays: [Option<MicrolensSample>; LANES],
     film: &'a Film,
     /// Shift of each lane by the low-pass filter, mm.
@@ -124,16 +124,16 @@ impl Unit<'_> {
         Sampler::new(self.settings.sampler, self.settings.seed, (x as u32, y as u32), sample, self.settings.spp)
     }
 
-    /// All samples of a tile, some at a time and in their order; `foretells`: whether it is asked where pixels land as a whole.
-    pub(super) fn camera_rays(&self, numbers: &Numbers, foretells: bool, mut each: impl FnMut(&[CameraRay])) {
+    /// All samples of a tile, some at a time and in their order; `uses_variate`: whether it is asked where pixels land as a whole.
+    pub(super) fn camera_rays(&self, numbers: &Numbers, uses_variate: bool, mut each: impl FnMut(&[CameraRay])) {
         if let Lens::Compound(lens) = &self.camera.lens {
             // Where a group moves against shake, the samples of each of its places together: a packet goes through one lens.
             let by_lens = self.by_lens(numbers);
             if by_lens.is_empty() {
-                return self.through(lens, numbers, 0..numbers.count(), foretells, each);
+                return self.through(lens, numbers, 0..numbers.count(), uses_variate, each);
             }
             for (lens, members) in by_lens {
-                self.through(lens, numbers, members.into_iter().map(|n| n as usize), foretells, &mut each);
+                self.through(lens, numbers, members.into_iter().map(|n| n as usize), uses_variate, &mut each);
             }
             return;
         }
@@ -155,13 +155,13 @@ impl Unit<'_> {
         lens: &CompoundLens,
         numbers: &Numbers,
         mut members: impl Iterator<Item = usize>,
-        foretells: bool,
+        uses_variate: bool,
         mut each: impl FnMut(&[CameraRay]),
     ) {
         let film = &self.camera.film;
         let attempts = self.attempts();
-        let (mut packet, mut exits, mut scratch) = (Samples::default(), Exits::default(), Scratch::default());
-        let mut again = Exits::default();
+        let (mut packet, mut exits, mut scratch) = (Samples::default(), ExitRays::default(), Scratch::default());
+        let mut again = ExitRays::default();
         let mut shifts = [DVec2::ZERO; LANES];
         let mut from_sensor = self.behind.as_ref().map(|behind| FromSensor { behind, rays: [None; LANES], film, shifts });
         let mut drawn: Vec<Drawn> = Vec::with_capacity(LANES);
@@ -204,8 +204,8 @@ impl Unit<'_> {
                 }
                 let out = if attempt == 0 { &mut exits } else { &mut again };
                 match &from_sensor {
-                    Some(from) => lens.exits_sampled(&packet, from, &mut scratch, out),
-                    None => lens.exits(&packet, |k, at| film.collects(at + shifts[k]), &mut scratch, out),
+                    Some(from) => lens.trace_to_scene_sampled(&packet, from, &mut scratch, out),
+                    None => lens.trace_to_scene(&packet, |k, at| film.collects(at + shifts[k]), &mut scratch, out),
                 }
                 self.block_other_half(&packet, out);
                 if attempt > 0 {
@@ -214,7 +214,7 @@ impl Unit<'_> {
             }
             let passed = (0..count).filter(|k| exits.passed >> k & 1 == 1);
             rays.clear();
-            rays.extend(passed.filter_map(|k| self.ray_of_lane(k, &drawn[k], packet.film[k], shifts[k], &exits, foretells)));
+            rays.extend(passed.filter_map(|k| self.ray_of_lane(k, &drawn[k], packet.film[k], shifts[k], &exits, uses_variate)));
             each(&rays);
         }
     }
@@ -222,7 +222,7 @@ impl Unit<'_> {
     /// What is drawn for a sample of a pixel before it goes through a lens.
     #[inline]
     fn draw(&self, [x, y]: [usize; 2], sampler: Sampler) -> Drawn {
-        let [place, [w, t, spot @ ..]] = sampler.get_two([Set::Camera, Set::Time]);
+        let [place, [w, t, spot @ ..]] = sampler.get_two([Dimensions::Camera, Dimensions::Time]);
         let filter = self.camera.film.low_pass_shift(spot) - self.film_shift(x, y, t);
         let wavelengths = self.wavelengths.sample(self.wavelength_number(w, &sampler));
         let displaced = self.displaced(x, y, &sampler, &wavelengths);
@@ -238,8 +238,8 @@ impl Unit<'_> {
         drawn: &Drawn,
         started: DVec2,
         shift: DVec2,
-        exits: &Exits,
-        foretells: bool,
+        exits: &ExitRays,
+        uses_variate: bool,
     ) -> Option<CameraRay> {
         let &Drawn { pixel: [x, y], sampler, wavelengths, t, filter, displaced, .. } = drawn;
         let (film, radiance_only) = (&self.camera.film, self.in_radiance());
@@ -279,14 +279,14 @@ impl Unit<'_> {
         let windows = lands.map(|p| p.map(|(x, y)| self.window(x, y, pupil)));
         let union = |a: (f64, f64), w: (f64, f64)| (a.0.min(w.0), a.1.max(w.1));
         let mut all = windows.iter().copied().flatten().fold((f64::INFINITY, f64::NEG_INFINITY), union);
-        let squares = match spread && foretells {
+        let squares = match spread && uses_variate {
             true => self.squares([x, y], started, &exits.lands[k]),
             false => None,
         };
         if let Some(squares) = &squares
             && self.shutter.differs_by_pixel()
         {
-            let below = squares.iter().flat_map(Square::parts).map(|([x, y], _)| self.window(x, y, pupil));
+            let below = squares.iter().flat_map(PixelFootprint::parts).map(|([x, y], _)| self.window(x, y, pupil));
             all = below.fold(all, union);
         }
         if all.0 >= all.1 {
@@ -408,7 +408,7 @@ impl Unit<'_> {
         let mut all: Vec<(&CompoundLens, Vec<u32>)> = lenses.collect();
         for number in 0..numbers.count() {
             let (x, y, sample) = numbers.of(number);
-            let t = self.sampler(x, y, sample).get(Set::Time)[1];
+            let t = self.sampler(x, y, sample).get(Dimensions::Time)[1];
             all[moving.index(self.moment(x, y, t))].1.push(number as u32);
         }
         all
@@ -416,13 +416,13 @@ impl Unit<'_> {
 
     /// Where the pixel as a whole lands at each wavelength but the hero's; `None` where not all of it lands on the film, where which wavelengths are collected depends on
     /// the place in the pixel.
-    fn squares(&self, pixel: [usize; 2], started: DVec2, lands: &[[f32; 2]; 4]) -> Option<[Square; 3]> {
+    fn squares(&self, pixel: [usize; 2], started: DVec2, lands: &[[f32; 2]; 4]) -> Option<[PixelFootprint; 3]> {
         let film = &self.camera.film;
         let mut squares = [None; 3];
         for (square, land) in squares.iter_mut().zip(&lands[1..]) {
             let moved = glam::Vec2::from_array(*land).as_dvec2() - started;
             let displaced = [-moved.x * film.columns as f64 / film.width_mm, moved.y * film.rows as f64 / film.height_mm];
-            *square = Some(Square::new(film, pixel, displaced)?);
+            *square = Some(PixelFootprint::new(film, pixel, displaced)?);
         }
         let [Some(a), Some(b), Some(c)] = squares else { return None };
         Some([a, b, c])
@@ -432,14 +432,14 @@ impl Unit<'_> {
     /// weights of the wavelengths depend.
     #[inline]
     fn wavelength_number(&self, number: f32, sampler: &Sampler) -> f32 {
-        if self.optics.is_some() { sampler.get(Set::Diffraction(0))[2] } else { number }
+        if self.optics.is_some() { sampler.get(Dimensions::Diffraction(0))[2] } else { number }
     }
 
     /// How diffraction displaces a sample of a pixel.
     #[inline]
-    fn displaced(&self, column: usize, row: usize, sampler: &Sampler, wavelengths: &Wavelengths) -> Option<Displaced> {
+    fn displaced(&self, column: usize, row: usize, sampler: &Sampler, wavelengths: &SampledWavelengths) -> Option<Displaced> {
         let optics = self.optics?;
-        let [u, v, ..] = sampler.get(Set::Diffraction(0));
+        let [u, v, ..] = sampler.get(Dimensions::Diffraction(0));
         let middle = self.camera.film_point(column as f64 + 0.5, row as f64 + 0.5);
         Some(optics.displaced(middle, wavelengths.nm.to_array(), [u, v]))
     }
@@ -467,9 +467,9 @@ impl Unit<'_> {
     }
 
     /// Marks rays through the half of the pupil that does not count as blocked.
-    fn block_other_half(&self, packet: &Samples, exits: &mut Exits) {
+    fn block_other_half(&self, packet: &Samples, exits: &mut ExitRays) {
         if let Some(half) = self.settings.half {
-            let (curvature, middle) = (self.camera.lens.exit_curvature(), self.camera.lens.pupil_middle().x);
+            let (curvature, middle) = (self.camera.lens.exit_curvature(), self.camera.lens.pupil_center_slope().x);
             let place = |k: usize| f64::from(exits.slopes[k][0][0]) + packet.film[k].x * curvature - middle;
             for k in (0..LANES).filter(|k| !half.holds(place(*k))).collect::<Vec<_>>() {
                 exits.passed &= !(1 << k);
@@ -483,7 +483,7 @@ struct Drawn {
     /// Column and row.
     pixel: [usize; 2],
     sampler: Sampler,
-    wavelengths: Wavelengths,
+    wavelengths: SampledWavelengths,
     /// What chooses the moment.
     t: f32,
     /// Its place in pixel and pupil, at the first attempt.

@@ -99,7 +99,7 @@ impl Optics {
         if self.boundless {
             return at;
         }
-        let middle = DVec2::from_array(film.middle_mm);
+        let middle = DVec2::from_array(film.center_mm);
         let half = 0.5 * DVec2::new(film.width_mm, film.height_mm);
         let fold = |v: f64, half: f64| if v.abs() > half { (2.0 * half).copysign(v) - v } else { v };
         let placed = at + middle;
@@ -194,7 +194,7 @@ mod tests {
 
     #[test]
     fn points_beyond_the_film_of_a_real_lens_are_folded_back() {
-        let film = Film { middle_mm: [2.0, 0.0], ..Film::new(36.0, 24.0, 600, 400) };
+        let film = Film { center_mm: [2.0, 0.0], ..Film::new(36.0, 24.0, 600, 400) };
         let optics =
             Optics { boundless: false, ..Optics::of(&camera(16.0, 600), Diffraction::On { white_e: None }, true).unwrap() };
         assert_eq!(optics.on_film(&film, DVec2::new(3.0, -11.0)), DVec2::new(3.0, -11.0));

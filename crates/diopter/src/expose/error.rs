@@ -4,14 +4,14 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExposeError {
-    /// [`Watch::cancel`](super::Watch::cancel) was set.
+    /// [`ProgressReporter::cancel`](super::Watch::cancel) was set.
     #[error("the exposure was stopped")]
     Cancelled,
     /// No pixel or no sample.
     #[error("an exposure needs at least one pixel and one sample")]
     Nothing,
     /// The sums to go on from are of another size, of other bands or samples.
-    #[error("the samples to go on from belong to another exposure")]
+    #[error("the checkpoint belongs to another exposure")]
     Foreign,
     /// The temporary file of an exposure larger than memory.
     #[error(

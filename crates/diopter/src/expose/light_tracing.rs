@@ -10,7 +10,7 @@
 //! Both strategies have the same paths ([`diopter_scene::light::Emitters`]) and are joined by the balance heuristic (Veach 1997, eq. 9.8). Densities count per
 //! étendue dA cosθ dω on the side of the scene, mm² sr, for one sample of each pixel:
 //!
-//! - a camera sample: the mean over the four wavelengths of what each would have drawn as the hero ([`Exits::density`]), over the area of a
+//! - a camera sample: the mean over the four wavelengths of what each would have drawn as the hero ([`ExitRays::density`]), over the area of a
 //!   pixel that collects light;
 //! - light: samples of the lamp · p(point | place) [1/sr] / (area of the part of the pupil · cosθ).
 //!
@@ -46,11 +46,11 @@ use crate::mount::M2_PER_MM2;
 use diopter_image::focal_plane::BandUnit;
 use diopter_lens::Lens;
 use diopter_lens::batch::single::LANES;
-use diopter_lens::compound::{Entries, Exits, Scratch};
+use diopter_lens::compound::{EntryRays, ExitRays, Scratch};
 use diopter_lens::surface::Profile;
 use diopter_lens::system::PlacedSurface;
 use diopter_light::Ray;
-use diopter_light::random::{Sampler, SamplerKind, Set};
+use diopter_light::random::{Dimensions, Sampler, SamplerKind};
 use diopter_scene::light::{Emitters, LightSample};
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
@@ -262,18 +262,18 @@ impl<'a> LightTracing<'a> {
         nm: [[f32; 4]; LANES],
         shifts: &[DVec2; LANES],
         scratch: &mut Scratch,
-        exits: &mut Exits,
+        exits: &mut ExitRays,
     ) {
         let collects = |lane: usize, at: DVec2| camera.film.collects(at + shifts[lane]);
         match &camera.lens {
             Lens::Compound(lens) => {
-                let mut rays = Entries { nm, ..Entries::default() };
+                let mut rays = EntryRays { nm, ..EntryRays::default() };
                 for (i, start) in starts.iter().enumerate() {
                     if let Some(start) = start {
                         (rays.origin[i], rays.direction[i]) = (start.place, start.direction);
                     }
                 }
-                lens.entries(&rays, collects, scratch, exits);
+                lens.trace_to_film(&rays, collects, scratch, exits);
                 let started = starts.iter().enumerate().fold(0, |bits, (i, s)| bits | u32::from(s.is_some()) << i);
                 exits.passed &= started;
             }
@@ -299,15 +299,15 @@ impl<'a> LightTracing<'a> {
         let span = unit.shutter.total_s();
         let starts: [Option<Start>; LANES] = std::array::from_fn(|i| {
             let sampler = Sampler::new(SamplerKind::Sobol, LIGHT_SEED, (number, LIGHT_ROW), i as u32, LANES as u32);
-            let [u, v, pu, pv] = sampler.get(Set::Camera);
-            let time = if self.moves { span * f64::from(sampler.get(Set::Time)[1]) } else { 0.0 };
+            let [u, v, pu, pv] = sampler.get(Dimensions::Camera);
+            let time = if self.moves { span * f64::from(sampler.get(Dimensions::Time)[1]) } else { 0.0 };
             self.start(camera, number, [pu, pv], [u, v], time)
         });
         if starts.iter().all(Option::is_none) {
             return None;
         }
-        let (mut scratch, mut exits) = (Scratch::default(), Exits::default());
-        let nm = Entries::default().nm;
+        let (mut scratch, mut exits) = (Scratch::default(), ExitRays::default());
+        let nm = EntryRays::default().nm;
         LightTracing::land(camera, &starts, nm, &[DVec2::ZERO; LANES], &mut scratch, &mut exits);
         let (mut places, mut hits, mut flux) = (Vec::new(), 0.0, 0.0);
         for (i, start) in starts.iter().enumerate().filter(|(i, _)| exits.passed >> i & 1 == 1) {
@@ -338,15 +338,15 @@ impl<'a> LightTracing<'a> {
         let Unit { camera, settings, .. } = *unit;
         let seed = settings.seed ^ LIGHT_SEED;
         // Of this sample's numbers one, by which lamps take turns (systematic sampling).
-        let turn = Sampler::new(SamplerKind::Independent, seed, (sample, LIGHT_ROW - 1), sample & 1, 2).get(Set::Time)[0];
+        let turn = Sampler::new(SamplerKind::Independent, seed, (sample, LIGHT_ROW - 1), sample & 1, 2).get(Dimensions::Time)[0];
         let kind = if settings.sampler == SamplerKind::Grid { SamplerKind::Independent } else { settings.sampler };
         let mut splats = Splats::new((sample & 1) as usize, unit.response.curves.len(), unit.direct.is_some());
-        let (mut scratch, mut exits) = (Scratch::default(), Exits::default());
+        let (mut scratch, mut exits) = (Scratch::default(), ExitRays::default());
         let end = ((chunk + 1) * CHUNK).min(self.total);
         for first in (chunk * CHUNK..end).step_by(LANES) {
             let mut drawn: [Option<Drawn>; LANES] = std::array::from_fn(|_| None);
             let mut starts: [Option<Start>; LANES] = std::array::from_fn(|_| None);
-            let (mut nm, mut shifts) = (Entries::default().nm, [DVec2::ZERO; LANES]);
+            let (mut nm, mut shifts) = (EntryRays::default().nm, [DVec2::ZERO; LANES]);
             for (i, light_sample) in (first..end.min(first + LANES as u32)).enumerate() {
                 let at = f64::from(light_sample) + f64::from(turn);
                 let number = self.before.partition_point(|b| *b <= at).saturating_sub(1);
@@ -355,8 +355,8 @@ impl<'a> LightTracing<'a> {
                 }
                 let index = 2 * light_sample + (sample & 1);
                 let sampler = Sampler::new(kind, seed, (sample, LIGHT_ROW), index, 2 * self.total);
-                let [u, v, pu, pv] = sampler.get(Set::Camera);
-                let [w, t, spot @ ..] = sampler.get(Set::Time);
+                let [u, v, pu, pv] = sampler.get(Dimensions::Camera);
+                let [w, t, spot @ ..] = sampler.get(Dimensions::Time);
                 let wavelengths = unit.wavelengths.sample(w);
                 // Where nothing moves, the moment is drawn when it is known where the light lands.
                 let time = match self.moves {
@@ -379,7 +379,7 @@ impl<'a> LightTracing<'a> {
 
     /// Counts a light sample that came through in the pixels where its wavelengths land.
     #[allow(clippy::too_many_arguments)]
-    fn count(&self, unit: &Unit, drawn: &Drawn, start: &Start, shift: DVec2, exits: &Exits, lane: usize, splats: &mut Splats) {
+    fn count(&self, unit: &Unit, drawn: &Drawn, start: &Start, shift: DVec2, exits: &ExitRays, lane: usize, splats: &mut Splats) {
         let Unit { camera, settings, .. } = *unit;
         let film = &camera.film;
         let Drawn { number, ref wavelengths, t, time } = *drawn;
@@ -463,7 +463,7 @@ impl<'a> LightTracing<'a> {
 /// The numbers of a light sample.
 struct Drawn {
     number: u32,
-    wavelengths: diopter_light::Wavelengths,
+    wavelengths: diopter_light::SampledWavelengths,
     /// Even number for the moment.
     t: f32,
     /// The moment at which its places are looked up.

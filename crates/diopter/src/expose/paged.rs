@@ -1,7 +1,7 @@
 //! Exposures that memory cannot hold, handed out row by row.
 
 use super::Settings;
-use super::sums::{Sums, means, tell_direct};
+use super::sums::{Sums, means, write_direct_truth};
 use super::truth::Recorder;
 use crate::camera::Camera;
 use crate::row_store::{PagedRows, RowStore};
@@ -123,7 +123,7 @@ impl FocalPlaneSource for ExposedRows<'_> {
         }
         let mut truth = self.truth_of(range.clone());
         if let Some((direct, _)) = &direct {
-            tell_direct(&mut truth, &self.exposed.bands, &mean, direct);
+            write_direct_truth(&mut truth, &self.exposed.bands, &mean, direct);
         }
         self.next = range.end;
         Ok(FocalPlane { bands: self.exposed.bands.clone(), mean, half_difference, truth, facts: self.exposed.facts.clone() })

@@ -1,4 +1,4 @@
-//! What lamps send far out: the stars around them.
+//! Starbursts: light that the aperture diffracts far from the image of a lamp, drawn separately.
 //!
 //! A lamp is 10⁶ times as bright as what it lights. Of its light a thousandth of a thousandth falls into each of many pixels, and a path that is displaced so
 //! far finds it in one of a million samples: noise. So the light of samples that are at least as bright as what saturates the film is split exactly. What
@@ -15,7 +15,7 @@ use super::diffraction::Optics;
 use super::response::GROUP;
 use crate::camera::Camera;
 use diopter_image::Raster;
-use diopter_light::random::{Sampler, SamplerKind, Set};
+use diopter_light::random::{Dimensions, Sampler, SamplerKind};
 use diopter_light::wavelength::{FIRST_NM, LAST_NM};
 use glam::{DVec2, Vec4};
 use rayon::prelude::*;
@@ -187,8 +187,8 @@ impl Stars<'_> {
             let point = |i: u32| {
                 let sampler =
                     Sampler::new(SamplerKind::Sobol, self.seed, (source.column as u32, source.row as u32), i, source.points);
-                let [u, v, band, s] = sampler.get(Set::Diffraction(1));
-                let [x, y, t, _] = sampler.get(Set::Diffraction(2));
+                let [u, v, band, s] = sampler.get(Dimensions::Diffraction(1));
+                let [x, y, t, _] = sampler.get(Dimensions::Diffraction(2));
                 let from = camera.film_point(source.column as f64 + f64::from(x), source.row as f64 + f64::from(y));
                 kernel.wing([u, v], [s, t]).map(|way| (from, way, f64::from(band) - 0.5))
             };

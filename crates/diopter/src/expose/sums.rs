@@ -32,7 +32,7 @@ pub struct Sums<S = Raster<f64>> {
 
 /// Told the sums so far, to keep them. [`ControlFlow::Break`]: they are kept elsewhere, and the exposure ends at once with
 /// [`super::ExposeError::Cancelled`], within a pass or not.
-pub type Keep<'a, S = Raster<f64>> = &'a mut dyn FnMut(&Sums<S>) -> ControlFlow<()>;
+pub type SumsCallback<'a, S = Raster<f64>> = &'a mut dyn FnMut(&Sums<S>) -> ControlFlow<()>;
 
 /// A rectangle of the film and its sums.
 pub(super) struct Tile {
@@ -250,7 +250,7 @@ impl Sums {
 }
 
 /// Tells the truth of some rows, where it is recorded, what of their mean is direct light and what is not.
-pub(super) fn tell_direct(truth: &mut Truth, film: &[Band], mean: &Raster<f32>, direct: &Raster<f32>) {
+pub(super) fn write_direct_truth(truth: &mut Truth, film: &[Band], mean: &Raster<f32>, direct: &Raster<f32>) {
     let (colors, bands) = (colors_of(film), mean.channels);
     for (channel, values) in truth.iter_mut() {
         let Values::Float(to) = values else { continue };

@@ -1,7 +1,7 @@
 //! Samples of the pixels of a tile: rays to radiance, radiance to bands.
 
 use super::camera_rays::{CameraRay, Numbers, times};
-use super::landings::{Landing, Landings};
+use super::dispersion_variate::{DispersionVariate, WavelengthHit};
 use super::light_tracing::LightTracing;
 use super::pixel_cone::PixelCones;
 use super::response::{GROUP, add_to};
@@ -13,7 +13,7 @@ use super::unit::Unit;
 use crate::polarizer::Analysis;
 use crate::row_store::RowStore;
 use diopter_lens::Lens;
-use diopter_scene::light::Shown;
+use diopter_scene::light::EmitterMis;
 use diopter_scene::light_paths::{LightPaths, LightVertices, PhotonMap};
 use diopter_scene::radiance::CameraPath;
 use std::ops::Range;
@@ -29,8 +29,8 @@ struct CameraLight {
     linear: Linear,
 }
 
-/// What can be foretold of where wavelengths land; and where the sums of the light of which it is begin.
-type Foretold = (usize, Landings);
+/// A control variate, and where the sums of its light begin.
+type Foretold = (usize, DispersionVariate);
 
 /// Photons and light vertices of a pass, each by replicate of the samples.
 #[derive(Clone, Copy, Default)]
@@ -44,7 +44,7 @@ pub(super) struct PassPaths<'a> {
 impl Unit<'_> {
     /// The sums so far that the samples of a tile are added to one by one; none where they are summed apart.
     pub(super) fn before<S: RowStore>(&self, index: usize, sums: &mut Sums<S>) -> std::io::Result<Vec<f64>> {
-        if matches!(self.camera.lens, Lens::Compound(_)) || self.stars {
+        if matches!(self.camera.lens, Lens::Compound(_)) || self.starbursts {
             return Ok(Vec::new());
         }
         let [column, row, width, height] = self.rectangle(index);
@@ -60,14 +60,14 @@ impl Unit<'_> {
     pub(super) fn tile(&self, index: usize, samples: Range<u32>, before: Vec<f64>, light_paths: PassPaths) -> Tile {
         let rectangle = self.rectangle(index);
         let mut sums = TileSums::new(&self.camera.film, rectangle, self.summed_bands(), before);
-        let mut foretold = self.foretold(rectangle, &samples);
+        let mut variates = self.variates(rectangle, &samples);
         let numbers = Numbers { rectangle, samples };
-        self.camera_rays(&numbers, !foretold.is_empty(), |rays| {
+        self.camera_rays(&numbers, !variates.is_empty(), |rays| {
             for (ray, light) in rays.iter().zip(self.light_along(rays, light_paths)) {
-                self.count(ray, &light, &mut foretold, &mut sums);
+                self.count(ray, &light, &mut variates, &mut sums);
             }
         });
-        for (from, landings) in &mut foretold {
+        for (from, landings) in &mut variates {
             self.end_pixel(landings, *from, &mut sums);
         }
         sums.done()
@@ -75,13 +75,13 @@ impl Unit<'_> {
 
     /// What can be foretold of a tile's samples: of all light, and of direct light where that is recorded; nothing of bands that tell polarisation, nor of a lens whose
     /// group moves.
-    fn foretold(&self, [column, _, width, _]: [usize; 4], samples: &Range<u32>) -> Vec<Foretold> {
+    fn variates(&self, [column, _, width, _]: [usize; 4], samples: &Range<u32>) -> Vec<Foretold> {
         let moving_group = self.camera.motion.moving().is_some_and(|moving| moving.lenses().len() > 0);
         let other = self.in_radiance() || self.behind.is_some() || !self.analyzers.is_empty() || moving_group;
         if other || !matches!(self.camera.lens, Lens::Compound(_)) {
             return Vec::new();
         }
-        let new = || Landings::new(samples, column..column + width, self.settings.sampler, &self.camera.film);
+        let new = || DispersionVariate::new(samples, column..column + width, self.settings.sampler, &self.camera.film);
         [Some(0), self.direct].into_iter().flatten().filter_map(|from| Some((from, new()?))).collect()
     }
 
@@ -100,9 +100,9 @@ impl Unit<'_> {
                 photons: light_paths.photons.map(|maps| &maps[replicate]),
                 vertices: light_paths.vertices.map(|pools| &pools[replicate]),
             };
-            let shown = lamps.map(|lamps| Shown { emitters: lamps.emitters(), weight: &weight, path });
+            let emitter_mis = lamps.map(|lamps| EmitterMis { emitters: lamps.emitters(), weight: &weight, path });
             let cone = PixelCones::cone(self.cones.as_ref(), pixel, sampler.number(), ray.ray);
-            CameraPath { cone, wavelengths, sampler, light_paths, shown }
+            CameraPath { cone, wavelengths, sampler, light_paths, emitter_mis }
         };
         let paths: Vec<CameraPath> = rays.iter().enumerate().map(begin).collect();
         let settings = &self.settings.path;
@@ -141,7 +141,7 @@ impl Unit<'_> {
     }
 
     /// Adds a sample to the sums of the pixels where it lands.
-    fn count(&self, ray: &CameraRay, light: &CameraLight, foretold: &mut [Foretold], sums: &mut TileSums) {
+    fn count(&self, ray: &CameraRay, light: &CameraLight, variates: &mut [Foretold], sums: &mut TileSums) {
         let &CameraRay { pixel: [x, y], ref sampler, ref wavelengths, exposure, weights, factors, displaced, .. } = ray;
         let CameraLight { radiance, direct, linear } = light;
         let weighted = (*radiance * wavelengths.weight).to_array();
@@ -153,7 +153,7 @@ impl Unit<'_> {
         // Without the factors of the displacement: what a sample is must not depend on them.
         let lamp = displaced.filter(|_| {
             let light = times(weighted, weights);
-            self.stars && self.is_lamp(|group| self.value(group, nm, light, linear) * exposure)
+            self.starbursts && self.is_lamp(|group| self.value(group, nm, light, linear) * exposure)
         });
         let mut counted = factors;
         if let Some(displaced) = lamp {
@@ -173,7 +173,7 @@ impl Unit<'_> {
             let direct = direct.map(|fraction| of(times(weighted, fraction)));
             return self.add(sums.pixel(x, y), half, 1.0, of(weighted), direct);
         };
-        for (from, landings) in foretold.iter_mut().filter(|_| spread.squares.is_some()) {
+        for (from, landings) in variates.iter_mut().filter(|_| spread.squares.is_some()) {
             if landings.is_of_other([x, y]) {
                 self.end_pixel(landings, *from, sums);
             }
@@ -184,7 +184,7 @@ impl Unit<'_> {
                 if let (Some((px, py)), true) = (spread.lands[c], gain > 0.0) {
                     let (radiance, pixel, nm) = (radiance[c] * of_it, [px, py], nm[c]);
                     let (time, pupil) = (spread.time, spread.pupil);
-                    landings.note([x, y], sampler.number(), Landing { nm, radiance, gain, pixel, square, time, pupil });
+                    landings.note([x, y], sampler.number(), WavelengthHit { nm, radiance, gain, pixel, square, time, pupil });
                 }
             }
         }
@@ -202,12 +202,12 @@ impl Unit<'_> {
         }
     }
 
-    /// Takes what could be foretold of a pixel's samples from where it landed, and gives it to where all of the pixel would have.
+    /// Moves the predicted part of a pixel's samples from the pixels where they arrived to those that its displaced footprint covers; the mean stays.
     /// `from`: where the sums of this light begin.
-    fn end_pixel(&self, landings: &mut Landings, from: usize, sums: &mut TileSums) {
+    fn end_pixel(&self, landings: &mut DispersionVariate, from: usize, sums: &mut TileSums) {
         let bands = self.curves_len();
         let by_pixel = self.shutter.differs_by_pixel();
-        let open = |[x, y]: [usize; 2], landing: &Landing| {
+        let open = |[x, y]: [usize; 2], landing: &WavelengthHit| {
             !by_pixel || {
                 let (open, close) = self.window(x, y, landing.pupil);
                 (open..=close).contains(&landing.time)

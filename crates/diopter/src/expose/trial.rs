@@ -5,7 +5,7 @@
 use super::unit::Unit;
 use super::{Exposure, Integrator};
 use diopter_light::random::{Sampler, SamplerKind};
-use diopter_light::{Ray, Wavelengths};
+use diopter_light::{Ray, SampledWavelengths};
 use diopter_scene::light_paths::{Caustics, Connections, LightPaths};
 use diopter_scene::radiance::CameraPath;
 use rayon::prelude::*;
@@ -19,8 +19,8 @@ const SEED: u64 = 0xbb67_ae85_84ca_a73b;
 const PHOTONS: u32 = 1 << 14;
 const PHOTON_SIDE: usize = 12;
 /// Caustics show where they are so much of all light, or of the light of some block that is not darker than a tenth of the mean.
-const LEAST_SHARE: f64 = 0.05;
-const LEAST_SHARE_OF_BLOCK: f64 = 0.3;
+const MIN_FRACTION: f64 = 0.05;
+const MIN_FRACTION_OF_BLOCK: f64 = 0.3;
 
 /// Light paths of each of the two pools of the trial of connections.
 const LIGHT_PATHS: u32 = 1 << 12;
@@ -51,7 +51,7 @@ fn pixel_of_block([columns, rows]: [usize; 2], block: usize, k: usize, side: usi
 }
 
 /// A camera ray of a sequence that is spread over the film (R2: Roberts 2018, "The Unreasonable Effectiveness of Quasirandom Sequences").
-pub(super) fn spread_ray(exposure: &Exposure, unit: &Unit, number: u32) -> Option<(Ray, Wavelengths)> {
+pub(super) fn spread_ray(exposure: &Exposure, unit: &Unit, number: u32) -> Option<(Ray, SampledWavelengths)> {
     let film = &exposure.camera.film;
     let along = |step: f64, pixels: usize| (((0.5 + step * f64::from(number)).fract() * pixels as f64) as usize).min(pixels - 1);
     let (column, row) = (along(0.754_877_666_246_693, film.columns), along(0.569_840_290_998_053, film.rows));
@@ -63,7 +63,7 @@ pub(super) fn spread_ray(exposure: &Exposure, unit: &Unit, number: u32) -> Optio
 fn shows(blocks: &[[f64; 2]]) -> bool {
     let [all, photons] = [0, 1].map(|k| blocks.iter().map(|b| b[k]).sum::<f64>());
     let dark = 0.1 * all / blocks.len() as f64;
-    photons > LEAST_SHARE * all || blocks.iter().any(|b| b[0] > dark && b[1] > LEAST_SHARE_OF_BLOCK * b[0])
+    photons > MIN_FRACTION * all || blocks.iter().any(|b| b[0] > dark && b[1] > MIN_FRACTION_OF_BLOCK * b[0])
 }
 
 /// A pixel of the trial of connections: two samples without, two with them.

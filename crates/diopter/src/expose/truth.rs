@@ -17,9 +17,9 @@ use diopter_image::cryptomatte;
 use diopter_image::focal_plane::Truth;
 use diopter_image::truth::{Manifest, Ranks, Recorded, Values};
 use diopter_lens::LensRay;
-use diopter_lens::microlens::Behind;
+use diopter_lens::microlens::MicrolensOptics;
 use diopter_light::Ray;
-use diopter_light::random::{Sampler, SamplerKind, Set};
+use diopter_light::random::{Dimensions, Sampler, SamplerKind};
 use diopter_scene::classes::UNCLASSIFIED;
 use diopter_scene::shape::Surface;
 use diopter_scene::{Description, FirstSurface, OtherExposure, Scene};
@@ -232,7 +232,7 @@ pub(super) struct Recorder<'a> {
     /// What is looked at instead of the first surface.
     look: Option<Look<'a>>,
     /// The microlens array, if there is one.
-    behind: Option<Behind>,
+    behind: Option<MicrolensOptics>,
     /// Whether the lens has no axis: depth is then distance.
     all_around: bool,
     settings: &'a Settings,
@@ -451,7 +451,7 @@ impl<'a> Recorder<'a> {
             _ => SamplerKind::Sobol,
         };
         let sampler = Sampler::new(kind, settings.seed, (column as u32, row as u32), sample, settings.spp);
-        let [_, t, spot @ ..] = sampler.get(Set::Time);
+        let [_, t, spot @ ..] = sampler.get(Dimensions::Time);
         // The moment without the pupil, which decides only where a leaf shutter opens: what moves against shake hardly does so meanwhile.
         let film = &camera.film;
         let size = [film.columns, film.rows];
@@ -460,7 +460,7 @@ impl<'a> Recorder<'a> {
         let lens = camera.lens_at(moment);
         let shift = camera.film.low_pass_shift(spot) - film_shift_on(&camera.motion, moment);
         let ray = (0..=RADIANCE_REDRAWS).find_map(|attempt| {
-            let [u, v, pupil @ ..] = sampler.get(if attempt == 0 { Set::Camera } else { Set::Redraw(attempt) });
+            let [u, v, pupil @ ..] = sampler.get(if attempt == 0 { Dimensions::Camera } else { Dimensions::Redraw(attempt) });
             let at = camera.film.within_pixel([u, v]);
             let film = camera.film_point(column as f64 + at[0], row as f64 + at[1]) - shift;
             match &self.behind {

@@ -9,7 +9,7 @@ use super::{TILE, summed_bands};
 use crate::camera::Camera;
 use crate::shutter::{Place, Shutter};
 use diopter_image::focal_plane::BandUnit;
-use diopter_lens::microlens::Behind;
+use diopter_lens::microlens::MicrolensOptics;
 use diopter_light::wavelength::WavelengthSampler;
 use diopter_scene::Scene;
 
@@ -23,7 +23,7 @@ pub(super) struct Unit<'a> {
     pub wavelengths: &'a WavelengthSampler,
     pub settings: &'a Settings,
     /// The microlens array, if there is one.
-    pub behind: Option<Behind>,
+    pub behind: Option<MicrolensOptics>,
     /// Where fireflies are re-weighted.
     pub cascade: Option<Cascade>,
     /// Whether light is traced from lamps, too.
@@ -31,7 +31,7 @@ pub(super) struct Unit<'a> {
     /// Diffraction, if there is any.
     pub optics: Option<&'a Optics>,
     /// Whether pixels have sums for what lamps send far out.
-    pub stars: bool,
+    pub starbursts: bool,
     /// Where the sums of direct light begin, where it is recorded.
     pub direct: Option<usize>,
     /// How wide pixels are in the scene, where pictures are filtered.
@@ -66,7 +66,7 @@ impl Unit<'_> {
 
     /// Bands that are summed: those of the film, of each buffer of the cascade, of stars, and of direct light.
     pub(super) fn summed_bands(&self) -> usize {
-        summed_bands(self.curves_len(), self.cascade.is_some(), self.stars, self.direct.is_some())
+        summed_bands(self.curves_len(), self.cascade.is_some(), self.starbursts, self.direct.is_some())
     }
 
     /// Whether the film records radiance.

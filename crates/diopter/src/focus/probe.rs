@@ -3,7 +3,7 @@
 use super::measure::Frame;
 use super::motor::{Drive, Motor};
 use crate::camera::Camera;
-use crate::expose::{ExposeError, Half, Integrator, Response, Settings, Watch, expose};
+use crate::expose::{ExposeError, Half, Integrator, ProgressReporter, Response, Settings, expose};
 use crate::shutter::Shutter;
 use diopter_image::{ExposureFacts, FocalPlane};
 use diopter_lens::Lens;
@@ -36,7 +36,7 @@ pub struct View<'a> {
     /// Fraction of the light that a filter before the lens lets through.
     pub filter: f64,
     /// May stop it.
-    pub watch: &'a Watch<'a>,
+    pub watch: &'a ProgressReporter<'a>,
 }
 
 /// Takes probes.
@@ -94,7 +94,7 @@ impl<'a> Prober<'a> {
             seed: view.settings.seed ^ half.map_or(0, |_| u64::from(self.probes).wrapping_mul(0x9e37_79b9_7f4a_7c15)),
             ..view.settings.clone()
         };
-        let quiet = Watch { cancel: view.watch.cancel, progress: &|_| () };
+        let quiet = ProgressReporter { cancel: view.watch.cancel, progress: &|_| () };
         // A second of light; the sensor's readings take their fraction of it.
         let mut plane =
             expose(view.scene, &camera, &Shutter::global(1.0), &self.response, &settings, &ExposureFacts::default(), &quiet)?;

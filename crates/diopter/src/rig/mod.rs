@@ -16,7 +16,7 @@ pub use file::{CameraSection, FramesSection, ImuSection, KeySection, PathSection
 
 use crate::calibration::{Calibration, CalibrationError, PrincipalRay};
 use crate::dataset::item::{File, Making, truth_channels};
-use crate::expose::{ExposeError, Watch};
+use crate::expose::{ExposeError, ProgressReporter};
 use crate::files;
 use crate::moving_part;
 use crate::npy;
@@ -169,9 +169,9 @@ impl Rig {
     }
 
     /// The shots of the cameras: one scene, metered at the first frame, each ready for [`Rig::turn`]. Fails as [`Shot::prepare`], [`Shot::focus`] and [`Shot::meter`].
-    pub fn shots(&self, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<Vec<Shot>, ShotError> {
+    pub fn shots(&self, watch: &ProgressReporter, warn: &mut dyn FnMut(&str)) -> Result<Vec<Shot>, ShotError> {
         let mut scenes = SceneCache::of_rig();
-        let quiet = Watch { cancel: watch.cancel, progress: &|_| () };
+        let quiet = ProgressReporter { cancel: watch.cancel, progress: &|_| () };
         let mut shots: Vec<Shot> = Vec::new();
         for camera in &self.cameras {
             let inputs = Inputs { mounted: Some(camera.mounted.clone()), ..Default::default() };
@@ -179,11 +179,11 @@ impl Rig {
             let mut shot = Shot::prepare_cached(&camera.shot, inputs, &mut scenes, &mut told)?;
             if let Some(first) = shots.first() {
                 // A scene without a scale has one light for all.
-                shot.take_light_of(first);
+                shot.copy_light_scale_from(first);
             }
             shot.focus(&quiet, &mut told)?;
             match shots.first().and_then(|first| first.facts().metered_ev100).filter(|_| self.common_metering) {
-                Some(ev) => shot.set_by(Some(ev), &mut told)?,
+                Some(ev) => shot.apply_meter_reading(Some(ev), &mut told)?,
                 None => shot.meter(&quiet, &mut told)?,
             }
             shots.push(shot);
@@ -191,9 +191,9 @@ impl Rig {
         Ok(shots)
     }
 
-    /// Makes the shot of a camera ready for a frame. Fails as [`Shot::turn_to`]; panics on a camera or frame that the rig does not have.
+    /// Makes the shot of a camera ready for a frame. Fails as [`Shot::advance_to`]; panics on a camera or frame that the rig does not have.
     pub fn turn(&self, shot: &mut Shot, camera: usize, frame: usize, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
-        shot.turn_to(self.times_s[frame] + self.cameras[camera].trigger_s, frame as u64, warn)
+        shot.advance_to(self.times_s[frame] + self.cameras[camera].trigger_s, frame as u64, warn)
     }
 
     /// What is known of the cameras, for other programs. `shots`: as [`Rig::shots`] gives them. Fails where no model can be fitted to a lens.
@@ -234,7 +234,7 @@ impl Rig {
 
     /// Takes all pictures and gives all files to `save`: calibration and IMU first, then frame by frame. `warn` gets what was found odd. What was given when it fails stays given.
     /// Fails as [`Rig::shots`] and `save`, on a span of the IMU outside the path or of too many samples, and with [`ExposeError::Cancelled`].
-    pub fn take(&self, watch: &Watch, warn: &mut dyn FnMut(&str), save: &mut Save) -> Result<TakenRig, ShotError> {
+    pub fn take(&self, watch: &ProgressReporter, warn: &mut dyn FnMut(&str), save: &mut Save) -> Result<TakenRig, ShotError> {
         let mut shots = self.shots(watch, warn)?;
         let mut files = Vec::new();
         let mut give = |name: &str, bytes: &[u8], files: &mut Vec<PathBuf>| -> Result<(), ShotError> {
@@ -281,7 +281,7 @@ impl Rig {
             for (k, shot) in shots.iter_mut().enumerate() {
                 let camera = &self.cameras[k];
                 let done = (frame * self.cameras.len() + k) as f64;
-                let watch = Watch { cancel: watch.cancel, progress: &|x| (watch.progress)((done + x) / total) };
+                let watch = ProgressReporter { cancel: watch.cancel, progress: &|x| (watch.progress)((done + x) / total) };
                 // Its warnings are those of the first frame.
                 self.turn(shot, k, frame, &mut |text| {
                     if frame == 0 {

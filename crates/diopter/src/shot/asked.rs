@@ -19,7 +19,7 @@ use diopter_scene::PathSettings;
 use diopter_sensor::{Reading, Sensor};
 
 /// A shot file, as far as nothing must be read for it but the body and the library that denoises.
-pub(super) struct Asked {
+pub(super) struct ShotRequest {
     pub settings: Settings,
     pub sensor: Sensor,
     pub exposing: Exposing,
@@ -29,10 +29,10 @@ pub(super) struct Asked {
     pub filter: Option<Filter>,
 }
 
-impl Asked {
+impl ShotRequest {
     /// Checks a file whose engraved numbers have become what they stand for. Fails on a value out of its range, a name that is not known, and where the filter that is
     /// asked for cannot be used.
-    pub fn new(file: &ShotFile, inputs: &Inputs, warn: &mut dyn FnMut(&str)) -> Result<Asked, ShotError> {
+    pub fn new(file: &ShotFile, inputs: &Inputs, warn: &mut dyn FnMut(&str)) -> Result<ShotRequest, ShotError> {
         let mut settings = settings(&file.render)?;
         settings.polarizer = file.exposure.polarizer;
         let (sensor, exposing, iso) = body_and_speed(file, inputs)?;
@@ -72,11 +72,11 @@ impl Asked {
             warn(&format!("in mode {} the camera chooses the aperture: the one given is not used", exposing.mode.name()));
         }
         surroundings::check(&file.scene)?;
-        Ok(Asked { settings, sensor, exposing, iso, denoise, filter })
+        Ok(ShotRequest { settings, sensor, exposing, iso, denoise, filter })
     }
 
-    /// Takes the body anew, where the scene's camera has hints for the film. Fails as [`Asked::new`] does on the body.
-    pub fn take_body(&mut self, file: &ShotFile, inputs: &Inputs) -> Result<(), ShotError> {
+    /// Takes the body anew, where the scene's camera has hints for the film. Fails as [`ShotRequest::new`] does on the body.
+    pub fn set_body(&mut self, file: &ShotFile, inputs: &Inputs) -> Result<(), ShotError> {
         (self.sensor, self.exposing, self.iso) = body_and_speed(file, inputs)?;
         Ok(())
     }
@@ -150,7 +150,7 @@ pub(super) fn check_camera(render: &RenderSection, camera: &Camera, warn: &mut d
     if render.quick && microlenses {
         return Err(value("plenoptic", "a microlens array", "no quick look: it has no light field"));
     }
-    if render.quick && camera.film.middle_mm != [0.0; 2] {
+    if render.quick && camera.film.center_mm != [0.0; 2] {
         return Err(value("shift", "a lens that is shifted", "no quick look: its blur is centred on the picture"));
     }
     if render.quick && quick_look::is_bent(camera) {

@@ -1,12 +1,12 @@
 //! A prepared shot turned into another one: the scene stays built where nothing that was changed touches it, so that a camera in use (its dials, its
 //! place) is answered in milliseconds instead of the time that reading a scene takes.
 
-use super::asked::{self, Asked};
+use super::asked::{self, ShotRequest};
 use super::file::ShotFile;
 use super::focusing::Focusing;
 use super::sections::{CameraSection, ExposureSection};
 use super::timing::Timing;
-use super::{DEFAULT_SCENE, Inputs, Shot, ShotError, lens_facts, staging, wants_profile};
+use super::{DEFAULT_SCENE, Inputs, Shot, ShotError, lens_facts, scene_setup, wants_profile};
 use crate::camera::{Camera, look_at};
 use crate::camera_motion::CameraMotion;
 use crate::flash::Flash;
@@ -24,7 +24,7 @@ impl Shot {
         &self.file
     }
 
-    /// Becomes the shot of another file, as [`Shot::prepare`] would make it: [`Shot::focus`] and [`Shot::meter`] (or [`Shot::set_by`]) come next. The
+    /// Becomes the shot of another file, as [`Shot::prepare`] would make it: [`Shot::focus`] and [`Shot::meter`] (or [`Shot::apply_meter_reading`]) come next. The
     /// scene is not read again where neither its section nor the flash is changed, nor a place of the camera that its lamps were put for. An error
     /// leaves the shot as it was.
     ///
@@ -48,7 +48,7 @@ impl Shot {
             section.at = b.at;
         }
         // Lamps, ground and fog were put, and displaced surfaces split, for a camera in its place. A flash goes with it.
-        let put = self.lit_for_camera || b.ground.is_some() || b.fog.is_some() || b.displacement_edge_px.is_some();
+        let put = self.lights_follow_camera || b.ground.is_some() || b.fog.is_some() || b.displacement_edge_px.is_some();
         let stays = self.file.camera == file.camera && self.keeps_lens(file);
         section == *b && self.file.flash == file.flash && (!put || stays)
     }
@@ -112,9 +112,9 @@ impl Shot {
     fn try_change_camera(&mut self, file: &ShotFile, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         let inputs = Inputs { draft: self.draft, ..Default::default() };
         let mut file = file.clone();
-        file.mean_true_stops();
+        file.apply_true_stops();
         let keeps_lens = self.keeps_lens(&file);
-        let mut asked = Asked::new(&file, &inputs, warn)?;
+        let mut asked = ShotRequest::new(&file, &inputs, warn)?;
         let lut = match self.file.develop.lut.file == file.develop.lut.file {
             true => self.lut.clone(),
             false => recipe_file::lut(&file.develop)?,
@@ -123,20 +123,20 @@ impl Shot {
         let name = file.scene.file.clone().unwrap_or_else(|| DEFAULT_SCENE.into());
         self.scene.pose(file.scene.at.map_or(0.0, |s| s.0), 0.0);
         let description = self.scene.description();
-        let view = staging::view(&file, description)?;
+        let view = scene_setup::view(&file, description)?;
         if let Some(hints) = view.map(|v| &v.film).filter(|_| file.camera.look_from.is_none())
-            && staging::take_hints(&mut file, hints, warn)
+            && scene_setup::apply_film_hints(&mut file, hints, warn)
         {
-            asked.take_body(&file, &inputs)?;
+            asked.set_body(&file, &inputs)?;
         }
-        let mut film = staging::film(&file, &asked.sensor, view)?;
-        let calibrated = staging::calibrated(&mut file, &asked.sensor, view, &mut film)?;
-        staging::take_angle_of_view(&mut file, &film)?;
+        let mut film = scene_setup::film(&file, &asked.sensor, view)?;
+        let calibrated = scene_setup::calibrated(&mut file, &asked.sensor, view, &mut film)?;
+        scene_setup::resolve_angle_of_view(&mut file, &film)?;
         let mut timing = Timing::new(&file, &asked.sensor, view)?;
         timing.keep_playing(&self.timing);
         let focusing = Focusing::new(&file, film.width_mm.hypot(film.height_mm), warn)?;
-        let bounds = staging::subject_bounds(&self.scene, timing.at_s);
-        timing.lay_path(&file, if bounds.is_empty() { Vec3::ZERO } else { bounds.center() })?;
+        let bounds = scene_setup::subject_bounds(&self.scene, timing.at_s);
+        timing.build_path(&file, if bounds.is_empty() { Vec3::ZERO } else { bounds.center() })?;
         let (camera, carrier, changed) = match keeps_lens {
             true => {
                 let (lens, changed) = self.lens_for(&file, &focusing)?;
@@ -151,16 +151,26 @@ impl Shot {
             }
             false => {
                 let framing = builtin::framing(&name);
-                let mut stand = staging::stand(&file, &inputs, description, timing.at_s, &asked.sensor, &film, framing)?;
-                stand.calibrated = calibrated;
-                let camera =
-                    staging::camera(&file, &inputs, &self.scene, timing.at_s, &asked.sensor, film, &focusing, &stand, warn)?;
-                (camera, stand.carrier, true)
+                let mut placement =
+                    scene_setup::placement(&file, &inputs, description, timing.at_s, &asked.sensor, &film, framing)?;
+                placement.calibrated = calibrated;
+                let camera = scene_setup::camera(
+                    &file,
+                    &inputs,
+                    &self.scene,
+                    timing.at_s,
+                    &asked.sensor,
+                    film,
+                    &focusing,
+                    &placement,
+                    warn,
+                )?;
+                (camera, placement.carrier, true)
             }
         };
         timing.carrier = carrier;
         asked::check_camera(&file.render, &camera, warn)?;
-        let stabiliser = staging::stabiliser(&file, &camera, &timing)?;
+        let stabiliser = scene_setup::stabiliser(&file, &camera, &timing)?;
         // Light that was settled by the mean of the frame is settled anew in another frame; a scene with a scale keeps it.
         let same_frame = !changed && self.file.scene == file.scene && self.file.camera == file.camera;
         let light_settled = self.light_settled && same_frame;
@@ -181,14 +191,14 @@ impl Shot {
         self.camera = camera;
         self.shutter = file.exposure.shutter.map(|s| s.0);
         self.reading = asked.reading(&file);
-        let Asked { settings, sensor, exposing, denoise, filter, .. } = asked;
+        let ShotRequest { settings, sensor, exposing, denoise, filter, .. } = asked;
         self.lens_cap = file.exposure.lens_cap;
         (self.denoise, self.filter) = (denoise, filter);
         self.fireflies = file.render.fireflies.unwrap_or_default();
         self.diffraction = super::asked::diffraction(&file.render);
         (self.recipe, self.lut) = (file.develop.clone(), lut);
         self.ambient_ev = file.scene.ambient_ev;
-        (self.begun, self.held_back_ev, self.denoising_s) = (Instant::now(), 0.0, None);
+        (self.begun, self.microlens_compensation_ev, self.denoising_s) = (Instant::now(), 0.0, None);
         (self.sensor, self.settings, self.exposing, self.focusing) = (sensor, settings, exposing, focusing);
         (self.timing, self.light_settled) = (timing, light_settled);
         self.stabiliser = stabiliser;
@@ -229,7 +239,7 @@ fn implied_mode(e: &ExposureSection) -> &'static str {
 mod tests {
     use super::*;
     use crate::denoising::Denoise;
-    use crate::expose::Watch;
+    use crate::expose::ProgressReporter;
     use crate::quantity::{Distance, Seconds, Size};
     use crate::shot::DiffractionChoice;
     use std::sync::atomic::AtomicBool;
@@ -246,7 +256,7 @@ mod tests {
     /// The exposure of a shot, with all that its camera chose.
     fn taken(shot: &mut Shot) -> (ExposureFacts, Vec<f32>) {
         let go_on = AtomicBool::new(false);
-        let watch = Watch { cancel: &go_on, progress: &|_| () };
+        let watch = ProgressReporter { cancel: &go_on, progress: &|_| () };
         shot.focus(&watch, &mut |_| ()).unwrap();
         shot.meter(&watch, &mut |_| ()).unwrap();
         (shot.facts(), shot.expose(&watch).unwrap().mean.data)

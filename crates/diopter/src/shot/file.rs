@@ -78,7 +78,7 @@ pub struct OutputSection {
 impl ShotFile {
     /// Takes what another says, such as flags, where it says something; settings that this takes the place of are removed. How pictures are developed and where they go
     /// stays.
-    pub fn take_over(&mut self, said: ShotFile) {
+    pub fn override_with(&mut self, said: ShotFile) {
         let ShotFile { scene, camera, shutter, exposure, flash, focus, render, sequence, .. } = said;
         if camera.lens.is_some() || camera.calibration.is_some() {
             (self.camera.lens, self.camera.calibration) = (None, None);
@@ -101,14 +101,14 @@ impl ShotFile {
         if shutter.line_time.is_some() || shutter.readout.is_some() {
             (self.shutter.line_time, self.shutter.readout) = (None, None);
         }
-        self.scene.take_over(scene);
-        self.camera.take_over(camera);
-        self.shutter.take_over(shutter);
-        self.exposure.take_over(exposure);
-        self.flash.take_over(flash);
-        self.focus.take_over(focus);
-        self.render.take_over(render);
-        self.sequence.take_over(sequence);
+        self.scene.override_with(scene);
+        self.camera.override_with(camera);
+        self.shutter.override_with(shutter);
+        self.exposure.override_with(exposure);
+        self.flash.override_with(flash);
+        self.focus.override_with(focus);
+        self.render.override_with(render);
+        self.sequence.override_with(sequence);
     }
 
     /// Reads a shot file; paths in it are relative to it. Fails where the file cannot be read, on what is no TOML, and on keys that are not known or of another kind.
@@ -153,7 +153,7 @@ impl ShotFile {
     }
 
     /// Puts what engraved numbers stand for in their place, if that was asked for.
-    pub(super) fn mean_true_stops(&mut self) {
+    pub(super) fn apply_true_stops(&mut self) {
         let e = &mut self.exposure;
         if !e.true_stops {
             return;

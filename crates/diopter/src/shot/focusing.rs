@@ -5,7 +5,7 @@ use super::sections::{FocusSection, Zones};
 use super::{Shot, ShotError, value};
 use crate::camera::Camera;
 use crate::depth_of_field::{CIRCLE_OF_DIAGONAL, hyperfocal_m};
-use crate::expose::Watch;
+use crate::expose::ProgressReporter;
 use crate::focus::{self, Autofocus, Measure, Method, Motor, Priority, Report, View, autofocus};
 use crate::metering;
 use crate::quantity::FocusTo;
@@ -218,8 +218,8 @@ impl Shot {
     /// Focuses as asked: measures where a thing is, looks for what is sharp, sets the hyperfocal distance. Says what autofocus did; `None`
     /// where nothing was looked for. Must come before [`Shot::meter`]. Fails where the thing is not in the scene, where the lens cannot be focused so near, where
     /// autofocus finds nothing and must, and where it is cancelled.
-    pub fn focus(&mut self, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<Option<Report>, ShotError> {
-        self.settle_light(watch)?;
+    pub fn focus(&mut self, watch: &ProgressReporter, warn: &mut dyn FnMut(&str)) -> Result<Option<Report>, ShotError> {
+        self.find_light_scale(watch)?;
         match &self.focusing.to {
             Some(FocusTo::Hyperfocal) => {
                 self.focus_at(Focus::at_mm(1000.0 * self.hyperfocal_m()))?;
@@ -257,7 +257,7 @@ impl Shot {
         hyperfocal_m(self.camera.lens.focal_length().0, self.camera.lens.f_number(), self.circle_mm())
     }
 
-    fn autofocus(&mut self, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<Report, ShotError> {
+    fn autofocus(&mut self, watch: &ProgressReporter, warn: &mut dyn FnMut(&str)) -> Result<Report, ShotError> {
         let view = View {
             scene: &self.scene,
             camera: &self.camera,
@@ -299,7 +299,7 @@ impl Shot {
     /// Focuses elsewhere, with everything else as it is.
     fn focus_at(&mut self, focus: Focus) -> Result<(), ShotError> {
         self.camera.lens = self.camera.lens.refocused(focus)?;
-        self.know_the_lens();
+        self.update_lens_facts();
         Ok(())
     }
 
@@ -324,7 +324,7 @@ impl Shot {
     }
 
     /// Scales the light of a scene that has no scale of its own.
-    pub(super) fn settle_light(&mut self, watch: &Watch) -> Result<(), ShotError> {
+    pub(super) fn find_light_scale(&mut self, watch: &ProgressReporter) -> Result<(), ShotError> {
         let Some(wanted) = self.ambient_ev.filter(|_| !self.lens_cap && !self.light_settled) else { return Ok(()) };
         let luminance = metering::mean_luminance(&self.scene, &self.camera, &self.settings, watch)?;
         if luminance > 0.0 && luminance.is_finite() {

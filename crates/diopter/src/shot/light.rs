@@ -1,10 +1,10 @@
-//! How much light: the meter, what it and the photographer set, and the moment.
+//! Exposure control: metering, the settings that come of it, and the moment.
 
 use super::sequence::Vary;
 use super::timing::Timing;
 use super::{DEFAULT_SEED, Shot, ShotError, lens_facts, long_time, wants_profile, white_point};
 use crate::camera_motion::CameraMotion;
-use crate::expose::Watch;
+use crate::expose::ProgressReporter;
 use crate::flash::Flash;
 use crate::metering::Meter;
 use crate::program::{Chosen, Limits, Mode};
@@ -23,7 +23,7 @@ const LONG_S: f64 = 30.0;
 
 impl Shot {
     /// Takes over the scale of the light from another shot of the same scene, so that both see the same light whatever their frames are.
-    pub fn take_light_of(&mut self, other: &Shot) {
+    pub fn copy_light_scale_from(&mut self, other: &Shot) {
         if other.light_settled || self.ambient_ev.is_none() {
             self.settings.light_scale = other.settings.light_scale;
             self.light_settled = true;
@@ -32,11 +32,11 @@ impl Shot {
 
     /// Meters the scene and settles what was left open: light scale, exposure time, aperture, ISO. Then everything stands ready for
     /// the exposure. `warn` gets what the light or the shutter does not allow. Fails where it is cancelled, and where the lens cannot be set.
-    pub fn meter(&mut self, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+    pub fn meter(&mut self, watch: &ProgressReporter, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         if self.lens_cap {
-            return self.set_by(None, warn);
+            return self.apply_meter_reading(None, warn);
         }
-        self.settle_light(watch)?;
+        self.find_light_scale(watch)?;
         let white = white_point(&self.reading.white)?;
         let meter = Meter {
             sensor: &self.sensor,
@@ -46,7 +46,7 @@ impl Shot {
             filter: (-self.exposing.nd_stops).exp2(),
         };
         let metered = meter.read(&self.scene, &self.camera, &self.settings, &white, watch)?;
-        self.set_by(metered, warn)
+        self.apply_meter_reading(metered, warn)
     }
 
     /// Whether the camera chooses an aperture, a time or an ISO speed by its meter.
@@ -55,36 +55,36 @@ impl Shot {
     }
 
     /// The same as [`Shot::meter`], but where everything is set by hand the meter is not read: nothing depends on it but its fact, which is left out. Fails as it does.
-    pub fn meter_if_needed(&mut self, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+    pub fn meter_if_needed(&mut self, watch: &ProgressReporter, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         if self.chooses_exposure() {
             return self.meter(watch, warn);
         }
-        self.settle_light(watch)?;
-        self.set_by(None, warn)?;
+        self.find_light_scale(watch)?;
+        self.apply_meter_reading(None, warn)?;
         self.facts.metering = String::new();
         Ok(())
     }
 
     /// Chooses what the camera is to choose by a meter reading (EV at ISO 100; `None`: darkness), and makes everything ready for the exposure:
     /// [`Shot::meter`] by a reading at hand. With the cap on the lens the reading is not looked at. Fails where the lens cannot be set.
-    pub fn set_by(&mut self, metered: Option<f64>, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+    pub fn apply_meter_reading(&mut self, metered: Option<f64>, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         if self.lens_cap {
             self.shutter.get_or_insert(1.0);
-            return self.stand_ready(warn);
+            return self.prepare_exposure(warn);
         }
         self.facts.metering = self.exposing.pattern.name().into();
         self.facts.metered_ev100 = metered;
         let e = self.exposing.clone();
         let chosen_by_camera = self.chooses_exposure();
         // Behind microlenses the light is gathered on a part of the pixels: they must not be blown, and are brightened when developed.
-        self.held_back_ev = if chosen_by_camera { self.gathered_ev() } else { 0.0 };
+        self.microlens_compensation_ev = if chosen_by_camera { self.gathered_ev() } else { 0.0 };
         // Without any light any exposure will do.
-        let ev100 = metered.unwrap_or(0.0) - e.compensation_ev + self.held_back_ev;
+        let ev100 = metered.unwrap_or(0.0) - e.compensation_ev + self.microlens_compensation_ev;
         if chosen_by_camera {
             let (limits, set) = (self.limits(), self.set());
             let chosen = program::choose(e.mode, ev100, set, &limits);
             if (chosen.aperture / set.aperture - 1.0).abs() > 1e-9 {
-                self.open_to(chosen.aperture)?;
+                self.set_t_number(chosen.aperture)?;
             }
             // The effective time of a leaf shutter is longer than its marked time for a small pupil.
             let pupil = self.pupil();
@@ -125,7 +125,7 @@ impl Shot {
                 ));
             }
         }
-        self.stand_ready(warn)?;
+        self.prepare_exposure(warn)?;
         self.keep_to_time_limit(warn);
         Ok(())
     }
@@ -151,16 +151,16 @@ impl Shot {
     }
 
     /// Sets the lens to another T-stop.
-    pub(super) fn open_to(&mut self, t_number: f64) -> Result<(), ShotError> {
+    pub(super) fn set_t_number(&mut self, t_number: f64) -> Result<(), ShotError> {
         // By rounding a lens fully open could be asked for more than that.
         let widest = self.limits().aperture[0];
         self.camera.lens = self.camera.lens.stopped(self.f_number_of(t_number.max(widest)))?;
-        self.know_the_lens();
+        self.update_lens_facts();
         Ok(())
     }
 
     /// Writes into the facts what follows from how the lens is set.
-    pub(super) fn know_the_lens(&mut self) {
+    pub(super) fn update_lens_facts(&mut self) {
         let new = lens_facts(&self.camera, &self.sensor, wants_profile(&self.file, self.draft));
         let f = &mut self.facts;
         (f.f_number, f.t_number, f.lens_profile) = (new.f_number, new.t_number, new.lens_profile);
@@ -193,7 +193,7 @@ impl Shot {
     }
 
     /// Poses the scene and the camera for the exposure, and sets the flash.
-    pub(super) fn stand_ready(&mut self, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+    pub(super) fn prepare_exposure(&mut self, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         let shutter = self.shutter();
         let total = shutter.total_s();
         let at = self.timing.at_s;
@@ -228,7 +228,7 @@ impl Shot {
 
     /// Makes the shot ready for another moment (s) of the scene, with everything set as it is: a frame of a sequence, with noise of its
     /// own. `frame`: its number, which changes the seed. Fails where the thing that the lens is focused on is not before the camera.
-    pub fn turn_to(&mut self, at_s: f64, frame: u64, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+    pub fn advance_to(&mut self, at_s: f64, frame: u64, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         if frame > 0 {
             self.begun = Instant::now();
         }
@@ -236,7 +236,7 @@ impl Shot {
         let seed = self.file.render.seed.unwrap_or(DEFAULT_SEED);
         self.settings.seed = seed.wrapping_add(frame);
         self.reading.seed = seed.wrapping_add(frame);
-        self.stand_ready(warn)?;
+        self.prepare_exposure(warn)?;
         self.follow(warn)
     }
 
@@ -257,7 +257,7 @@ impl Shot {
                         self.f_number_of(wanted)
                     ));
                 }
-                self.open_to(wanted.clamp(widest, smallest))
+                self.set_t_number(wanted.clamp(widest, smallest))
             }
             Vary::Time => {
                 self.shutter = self.shutter.map(|t| t * ev.exp2());

@@ -8,7 +8,7 @@ use diopter_image::truth::Recorded;
 
 /// What is done with an exposure when it is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kept {
+pub enum ExposureUse {
     /// It is read out and developed, by bands of rows.
     ReadOut,
     /// It is written as a focal plane too.
@@ -26,14 +26,14 @@ const SMALLEST_CACHE: u64 = 1 << 26;
 
 impl Shot {
     /// Bytes that exposing, denoising and writing take at most.
-    pub fn bytes_needed(&self, kept: Kept) -> u64 {
+    pub fn bytes_needed(&self, kept: ExposureUse) -> u64 {
         let of = |(a_pixel, fixed): (u64, u64)| self.pixels() * a_pixel + fixed;
         let counts = self.counts();
         self.ways().into_iter().map(|denoising| of(bytes(&counts, denoising, kept))).min().unwrap_or(0)
     }
 
     /// The largest picture of this shape that so many bytes are enough for; `None` if they are not enough for any.
-    pub fn largest_size(&self, available: u64, kept: Kept) -> Option<[usize; 2]> {
+    pub fn largest_size(&self, available: u64, kept: ExposureUse) -> Option<[usize; 2]> {
         let size = [self.camera.film.columns, self.camera.film.rows];
         let counts = self.counts();
         let fits = |denoising| largest(size, bytes(&counts, denoising, kept), available);
@@ -52,7 +52,7 @@ impl Shot {
 
     /// Bytes of the sums that an exposure by strips may have in memory, when so many are available in all.
     pub fn cache_within(&self, available: u64) -> usize {
-        let left = available.saturating_sub(self.bytes_needed(Kept::Strips)) + SMALLEST_CACHE;
+        let left = available.saturating_sub(self.bytes_needed(ExposureUse::Strips)) + SMALLEST_CACHE;
         usize::try_from(left.min(LARGEST_CACHE)).unwrap_or(usize::MAX)
     }
 
@@ -85,10 +85,10 @@ struct Denoising {
 }
 
 /// Bytes a pixel, and all others.
-fn bytes(&Counts { bands, summed, truth }: &Counts, denoising: Option<Denoising>, kept: Kept) -> (u64, u64) {
-    let (exposing, tiles) = bytes_needed(bands, if kept == Kept::Strips { bands } else { summed });
+fn bytes(&Counts { bands, summed, truth }: &Counts, denoising: Option<Denoising>, kept: ExposureUse) -> (u64, u64) {
+    let (exposing, tiles) = bytes_needed(bands, if kept == ExposureUse::Strips { bands } else { summed });
     let (exposing, plane) = (exposing + truth, bytes_a_pixel(bands) + truth);
-    if kept == Kept::Strips {
+    if kept == ExposureUse::Strips {
         // The strip that is written, the one before the filter, and blocks of the file as they are and packed.
         let writing = 4 * STRIP_BYTES as u64;
         let denoising = if denoising.is_some() { denoise::STRIP_MEMORY as u64 } else { 0 };
@@ -97,11 +97,11 @@ fn bytes(&Counts { bands, summed, truth }: &Counts, denoising: Option<Denoising>
     // Mosaic, and what the writers keep of a picture.
     let read_out = plane + 2 + 6;
     let written = match kept {
-        Kept::ReadOut | Kept::Strips => 0,
+        ExposureUse::ReadOut | ExposureUse::Strips => 0,
         // Written by blocks of rows, without a copy.
-        Kept::Plane => plane,
+        ExposureUse::Plane => plane,
         // The variance, then a copy of it, the mean, the half difference and the truth as channels.
-        Kept::Truth => plane + 4 * bands + 3 * 4 * bands + Recorded::default().bytes() + truth,
+        ExposureUse::Truth => plane + 4 * bands + 3 * 4 * bands + Recorded::default().bytes() + truth,
     };
     // The exposure, what guides the filter and what it makes hold the truth each.
     let (a_pixel, fixed) = denoising.map_or((0, 0), |d| (d.a_pixel + 3 * truth, d.fixed));
@@ -124,7 +124,7 @@ mod tests {
     fn strips_of_any_picture_fit_into_four_gigabytes() {
         for (bands, denoise) in [(3, false), (3, true), (4, true)] {
             let denoising = denoise.then_some(Denoising { a_pixel: 0, fixed: denoise::STRIP_MEMORY });
-            let (a_pixel, fixed) = bytes(&Counts { bands, summed: bands, truth: 100 }, denoising, Kept::Strips);
+            let (a_pixel, fixed) = bytes(&Counts { bands, summed: bands, truth: 100 }, denoising, ExposureUse::Strips);
             // But for the tiles that all threads of a machine work on.
             let most = fixed - bytes_needed(bands, bands).1 as u64 - SMALLEST_CACHE + LARGEST_CACHE;
             assert!(a_pixel == 0 && most < 3_900_000_000, "{bands} {denoise} {most}");
@@ -133,7 +133,9 @@ mod tests {
 
     #[test]
     fn what_is_said_to_fit_does_and_is_hardly_smaller_than_could_be() {
-        for (bands, denoise, kept) in [(3, false, Kept::ReadOut), (3, true, Kept::Plane), (31, false, Kept::Truth)] {
+        for (bands, denoise, kept) in
+            [(3, false, ExposureUse::ReadOut), (3, true, ExposureUse::Plane), (31, false, ExposureUse::Truth)]
+        {
             let denoising = denoise.then(|| Denoising { a_pixel: denoise::bytes_a_pixel(bands), fixed: 0 });
             let counts = Counts { bands, summed: SUMS_WITH_CASCADE * bands, truth: 0 };
             let (a_pixel, fixed) = bytes(&counts, denoising, kept);

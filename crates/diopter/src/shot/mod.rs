@@ -3,7 +3,7 @@
 //! [`ShotFile`] is what was written; [`Shot::prepare`] reads the scene, checks every number and fills in what was left open
 //! ([`Shot::prepare_with`] takes scene, lens and body from memory instead);
 //! [`Shot::meter`] lets the camera choose what it is to choose; [`Shot::expose`], [`Shot::read_out`] and [`Shot::develop`] are the
-//! photograph. [`Shot::turn_to`] takes the next one of a sequence.
+//! photograph. [`Shot::advance_to`] takes the next one of a sequence.
 
 mod asked;
 mod change;
@@ -21,25 +21,25 @@ mod memory;
 mod readings;
 mod resume;
 mod scene_cache;
+mod scene_setup;
 pub mod sections;
 mod sequence;
 pub mod setting;
 mod settle;
 mod sources;
-mod staging;
 mod surroundings;
 mod taking;
 mod time_limit;
 mod timing;
 mod vary;
 
-use asked::Asked;
+use asked::ShotRequest;
 pub use error::ShotError;
 pub(crate) use error::value;
 pub use error_parts::ErrorParts;
 pub use file::ShotFile;
 pub use inputs::Inputs;
-pub use memory::Kept;
+pub use memory::ExposureUse;
 pub use scene_cache::SceneCache;
 pub use sections::{DiffractionChoice, FireflyChoice};
 pub use sequence::{Sequence, Vary};
@@ -118,8 +118,8 @@ pub struct Shot {
     pub fireflies: FireflyChoice,
     /// Whether light is diffracted at the aperture. See [`Shot::diffracts`].
     pub diffraction: DiffractionChoice,
-    /// Where it is: what lamps send far out is spread apart, without the noise of rare samples, for some memory. See [`Shot::makes_stars`].
-    pub stars: bool,
+    /// Where it is: what lamps send far out is spread apart, without the noise of rare samples, for some memory. See [`Shot::separates_starbursts`].
+    pub starbursts: bool,
     /// Development.
     pub recipe: Recipe,
     /// The look-up table that the recipe names.
@@ -137,11 +137,11 @@ pub struct Shot {
     exposing: Exposing,
     focusing: Focusing,
     /// What the camera exposes less because of microlenses, EV.
-    held_back_ev: f64,
+    microlens_compensation_ev: f64,
     /// Whether the light of a scene without a scale has got one.
     light_settled: bool,
     /// Lamps, sky or ground of the scene were placed by where the camera stands.
-    lit_for_camera: bool,
+    lights_follow_camera: bool,
     /// What denoising will take by a trial, s; known after metering with a time limit.
     denoising_s: Option<f64>,
     timing: Timing,
@@ -177,70 +177,70 @@ impl Shot {
         // Cheap checks before anything is read.
         let mut file = file.clone();
         inputs.name_in(&mut file);
-        file.mean_true_stops();
-        let mut asked = Asked::new(&file, &inputs, warn)?;
+        file.apply_true_stops();
+        let mut asked = ShotRequest::new(&file, &inputs, warn)?;
         let lut = recipe_file::lut(&file.develop)?;
         Timing::new(&file, &asked.sensor, None)?;
 
         let name = file.scene.file.clone().unwrap_or_else(|| DEFAULT_SCENE.into());
-        staging::film(&file, &asked.sensor, None)?;
+        scene_setup::film(&file, &asked.sensor, None)?;
         let mut description = cache.description(&mut inputs, &name, &file.scene, warn)?;
-        let view = staging::view(&file, &description)?;
+        let view = scene_setup::view(&file, &description)?;
         if let Some(hints) = view.map(|v| &v.film).filter(|_| file.camera.look_from.is_none())
-            && staging::take_hints(&mut file, hints, warn)
+            && scene_setup::apply_film_hints(&mut file, hints, warn)
         {
-            asked.take_body(&file, &inputs)?;
+            asked.set_body(&file, &inputs)?;
         }
-        let mut film = staging::film(&file, &asked.sensor, view)?;
-        let calibrated = staging::calibrated(&mut file, &asked.sensor, view, &mut film)?;
-        staging::take_angle_of_view(&mut file, &film)?;
+        let mut film = scene_setup::film(&file, &asked.sensor, view)?;
+        let calibrated = scene_setup::calibrated(&mut file, &asked.sensor, view, &mut film)?;
+        scene_setup::resolve_angle_of_view(&mut file, &film)?;
         let file = file;
         let mut timing = Timing::new(&file, &asked.sensor, view)?;
         timing.mounted.clone_from(&inputs.mounted);
         let focusing = Focusing::new(&file, film.width_mm.hypot(film.height_mm), warn)?;
         timing.play(&mut description, &file.scene)?;
-        staging::choose_materials(&mut description, &file.scene)?;
-        staging::choose_classes(&mut description, &file.scene, warn)?;
+        scene_setup::choose_materials(&mut description, &file.scene)?;
+        scene_setup::choose_classes(&mut description, &file.scene, warn)?;
         // Lamps and ground are put where they suit the camera: it is placed first.
         let framing = builtin::framing(&name);
-        let mut stand = staging::stand(&file, &inputs, &description, timing.at_s, &asked.sensor, &film, framing)?;
-        stand.calibrated = calibrated;
+        let mut placement = scene_setup::placement(&file, &inputs, &description, timing.at_s, &asked.sensor, &film, framing)?;
+        placement.calibrated = calibrated;
         let flash = timing.flash.is_some();
-        let lit_for_camera = surroundings::follow_camera(&description, &file.scene, flash);
+        let lights_follow_camera = surroundings::follow_camera(&description, &file.scene, flash);
         let scene_name = description.name.clone();
-        let fineness = staging::fineness(&file, &description, &film, &stand, warn)?;
-        let mut scene = cache.scene(description, &file.scene, &timing, &stand, fineness, warn)?;
+        let fineness = scene_setup::fineness(&file, &description, &film, &placement, warn)?;
+        let mut scene = cache.scene(description, &file.scene, &timing, &placement, fineness, warn)?;
         scene.pose(timing.at_s, 0.0);
         if scene.bounds().is_empty() && scene.description().environment.is_none() {
             return Err(SceneError::Empty("it has no surface and no environment".into()).into());
         }
 
-        let bounds = staging::subject_bounds(&scene, timing.at_s);
-        timing.lay_path(&file, if bounds.is_empty() { Vec3::ZERO } else { bounds.center() })?;
+        let bounds = scene_setup::subject_bounds(&scene, timing.at_s);
+        timing.build_path(&file, if bounds.is_empty() { Vec3::ZERO } else { bounds.center() })?;
         if file.camera.look_from.is_some() && !file.camera.path.is_empty() {
             warn("the camera is on a path: look_from is not used");
         }
-        let camera = staging::camera(&file, &inputs, &scene, timing.at_s, &asked.sensor, film, &focusing, &stand, warn)?;
-        timing.carrier = stand.carrier;
-        if file.scene.light.is_none() && !flash && sources::is_model(&name) && staging::is_in_void(&scene, &camera) {
+        let camera = scene_setup::camera(&file, &inputs, &scene, timing.at_s, &asked.sensor, film, &focusing, &placement, warn)?;
+        timing.carrier = placement.carrier;
+        if file.scene.light.is_none() && !flash && sources::is_model(&name) && scene_setup::is_in_void(&scene, &camera) {
             warn(
-                "the scene has light of its own in a black void, which the meter leaves out: --light studio lights it all, --light none says that it is meant",
+                "the scene has light of its own before a black background, which the meter leaves out: --light studio lights everything, --light none keeps it as it is",
             );
         }
         if scene.splat_count() > 0 && file.scene.ambient_ev.is_none() {
             warn(&format!(
-                "a captured place has no unit of light: its white is taken for {} cd/m², that of a display (--ambient-ev EV says how bright it is)",
+                "a splat capture has no absolute luminance: its white is taken for {} cd/m², that of a display (--ambient-ev EV says how bright it is)",
                 diopter_scene::load::splats::WHITE
             ));
         }
         if let Some(fog) = &file.scene.fog {
-            surroundings::put_fog(&mut scene, fog, camera.motion.at(0.0).translation.into())?;
+            surroundings::add_fog(&mut scene, fog, camera.motion.at(0.0).translation.into())?;
         }
         asked::check_camera(&file.render, &camera, warn)?;
-        let stabiliser = staging::stabiliser(&file, &camera, &timing)?;
+        let stabiliser = scene_setup::stabiliser(&file, &camera, &timing)?;
         let facts = asked.facts(scene_name, lens_facts(&camera, &asked.sensor, wants_profile(&file, inputs.draft)));
         let reading = asked.reading(&file);
-        let Asked { settings, sensor, exposing, denoise, filter, .. } = asked;
+        let ShotRequest { settings, sensor, exposing, denoise, filter, .. } = asked;
         let placed = camera.motion.at(0.0);
         let mut shot = Shot {
             scene,
@@ -258,7 +258,7 @@ impl Shot {
             filter,
             fireflies: file.render.fireflies.unwrap_or_default(),
             diffraction: asked::diffraction(&file.render),
-            stars: true,
+            starbursts: true,
             recipe: file.develop.clone(),
             lut,
             ambient_ev: file.scene.ambient_ev,
@@ -268,9 +268,9 @@ impl Shot {
             draft: inputs.draft,
             exposing,
             focusing,
-            held_back_ev: 0.0,
+            microlens_compensation_ev: 0.0,
             light_settled: false,
-            lit_for_camera,
+            lights_follow_camera,
             denoising_s: None,
             timing,
             stabiliser,
@@ -282,7 +282,7 @@ impl Shot {
 
     /// The box around what is photographed, without ground and studio that were put there for it.
     pub fn subject_bounds(&self) -> Bounds {
-        staging::subject_bounds(&self.scene, self.timing.at_s)
+        scene_setup::subject_bounds(&self.scene, self.timing.at_s)
     }
 
     /// The moment the first exposure of a sequence begins, s of scene time.
@@ -384,7 +384,7 @@ fn lens_facts(camera: &Camera, sensor: &Sensor, with_profile: bool) -> ExposureF
         },
         lens_profile: match &camera.lens {
             // The corrections of the development are centred on the picture.
-            Lens::Compound(l) if camera.film.middle_mm != [0.0; 2] || l.is_tilted() || !with_profile => None,
+            Lens::Compound(l) if camera.film.center_mm != [0.0; 2] || l.is_tilted() || !with_profile => None,
             Lens::Compound(l) => lens_profile::profile(l, sensor, 0.5 * camera.film.width_mm.hypot(camera.film.height_mm)),
             _ => None,
         },

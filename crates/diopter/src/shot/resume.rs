@@ -3,7 +3,7 @@
 use super::{Shot, ShotError};
 use crate::camera::{Camera, Film};
 use crate::checkpoint::Fnv;
-use crate::expose::{Integrator, Settings, Watch, expose};
+use crate::expose::{Integrator, ProgressReporter, Settings, expose};
 use diopter_image::ExposureFacts;
 
 /// Pixels across the small exposure that stands for what the scene looks like.
@@ -31,7 +31,7 @@ impl Shot {
     ///
     /// The look is an exposure of 64 pixels across with one sample each: files are known by what they show, not by their names and dates. Two
     /// scenes that differ in none of these paths are not told apart. Fails where it is cancelled.
-    pub fn identity(&self, watch: &Watch) -> Result<u64, ShotError> {
+    pub fn identity(&self, watch: &ProgressReporter) -> Result<u64, ShotError> {
         let response = self.response();
         let settings = Settings { time_limit_s: None, ..self.settings.clone() };
         let film = &self.camera.film;
@@ -48,7 +48,7 @@ impl Shot {
             let rows = (COLUMNS * film.rows).div_ceil(film.columns).clamp(1, 4 * COLUMNS);
             let camera = Camera { film: Film { columns: COLUMNS, rows, ..*film }, ..self.camera.clone() };
             let look = Settings { spp: 1, samples: 0..1, truth: false, integrator: Integrator::Path, ..settings };
-            let quiet = Watch { cancel: watch.cancel, progress: &|_| () };
+            let quiet = ProgressReporter { cancel: watch.cancel, progress: &|_| () };
             let plane = expose(&self.scene, &camera, &self.shutter(), &response, &look, &ExposureFacts::default(), &quiet)?;
             plane.mean.data.iter().for_each(|v| hash.add(u64::from(v.to_bits())));
         }

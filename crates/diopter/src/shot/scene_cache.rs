@@ -1,7 +1,7 @@
 //! Scenes that were read and built, kept for the next shot of the same.
 
+use super::scene_setup::{self, CameraPlacement, DicingRate};
 use super::sections::SceneSection;
-use super::staging::{self, Fineness, Stand};
 use super::{Inputs, ShotError, surroundings, timing};
 use crate::flash::Flash;
 use diopter_scene::bvh::Bounds;
@@ -73,9 +73,9 @@ pub(super) struct BuiltKey {
     /// The moment, s, for which a ground is put under it.
     at_s: f64,
     /// Where the camera stands, where lamps or ground follow it.
-    stand: Option<(Affine3A, [f32; 2], Bounds)>,
+    placement: Option<(Affine3A, [f32; 2], Bounds)>,
     /// How fine displaced surfaces are.
-    fineness: Option<Fineness>,
+    fineness: Option<DicingRate>,
 }
 
 impl BuiltKey {
@@ -83,8 +83,8 @@ impl BuiltKey {
         d: &Description,
         section: &SceneSection,
         timing: &timing::Timing,
-        stand: &Stand,
-        fineness: Option<Fineness>,
+        placement: &CameraPlacement,
+        fineness: Option<DicingRate>,
     ) -> BuiltKey {
         let light = section.environment.as_deref().or(section.light.as_deref().map(Path::new)).and_then(stamp);
         let follows = surroundings::follow_camera(d, section, timing.flash.is_some());
@@ -94,7 +94,7 @@ impl BuiltKey {
             light,
             classes: section.classes.as_deref().and_then(stamp),
             at_s: timing.at_s,
-            stand: follows.then_some((stand.place, stand.tan_half, stand.bounds)),
+            placement: follows.then_some((placement.place, placement.tan_half, placement.bounds)),
             fineness: fineness.filter(|_| !d.displaced.is_empty()),
         }
     }
@@ -141,13 +141,13 @@ impl SceneCache {
         mut description: Description,
         section: &SceneSection,
         timing: &timing::Timing,
-        stand: &Stand,
-        fineness: Option<Fineness>,
+        placement: &CameraPlacement,
+        fineness: Option<DicingRate>,
         warn: &mut dyn FnMut(&str),
     ) -> Result<Scene, ShotError> {
-        let mut key = BuiltKey::new(&description, section, timing, stand, fineness);
+        let mut key = BuiltKey::new(&description, section, timing, placement, fineness);
         if self.of_rig {
-            (key.stand, key.fineness) = (None, None);
+            (key.placement, key.fineness) = (None, None);
         }
         if self.built.as_ref().is_none_or(|(k, _)| *k != key) {
             self.built = None;
@@ -156,12 +156,12 @@ impl SceneCache {
             if let Some((view, edge_px)) = fineness {
                 description.refine_displaced(&view, edge_px, timing.at_s);
             }
-            if let Some(albedo) = surroundings::put(&mut description, section, timing.flash.is_some(), stand, &mut note)? {
-                staging::put_ground(&mut description, albedo, timing.at_s)?;
+            if let Some(albedo) = surroundings::put(&mut description, section, timing.flash.is_some(), placement, &mut note)? {
+                scene_setup::add_ground(&mut description, albedo, timing.at_s)?;
             }
-            timing::put_flicker(&mut description, &section.flicker)?;
+            timing::add_flicker(&mut description, &section.flicker)?;
             if let Some(flash) = &timing.flash {
-                flash.put_into(&mut description);
+                flash.add_to_scene(&mut description);
             }
             let value = Scene::build(description)?;
             warnings.extend(value.description().warnings.iter().cloned());

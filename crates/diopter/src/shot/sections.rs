@@ -31,7 +31,7 @@ section! {
         pub file: Option<String>,
         /// Metres in a unit of length of the scene file: 0.001 for millimetres, 0.01 for centimetres.
         ///
-        /// Places in a shot file are metres all the same.
+        /// Positions in the shot file stay in metres.
         #[arg(long, value_name = "FACTOR", allow_negative_numbers = true)]
         pub scale: Option<f64>,
         /// Which of the sets of materials that a glTF file offers.
@@ -49,7 +49,7 @@ section! {
         /// class is what glTF nodes say in extras (class, category or category_id).
         #[arg(long, value_name = "FILE")]
         pub classes: Option<PathBuf>,
-        /// Numbers of bodies that overlap, by the name of their material: where they do, the one with the highest is there.
+        /// Priority of overlapping bodies, by material name: where bodies overlap, the highest priority wins (nested dielectrics).
         #[arg(skip)]
         pub priority: BTreeMap<String, i32>,
         /// What lights it: studio, sun, overcast, none (only its own light) or a lat-long .hdr, .exr or .pfm.
@@ -90,7 +90,7 @@ section! {
         /// Which animation runs: its name or number, all or none; the first without.
         #[arg(long, value_name = "NAME", help_heading = "Time")]
         pub animation: Option<String>,
-        /// After the last key: clamp (stand still) or loop.
+        /// After the last key frame: clamp (hold the last pose) or loop.
         #[arg(long, value_name = "HOW", help_heading = "Time")]
         pub animation_end: Option<String>,
         /// Nothing moves: all stands as it does at --at.
@@ -280,7 +280,7 @@ section! {
         /// The first is 0.
         #[arg(long, value_name = "NAME")]
         pub viewpoint: Option<String>,
-        /// Unsteady hands: angular speed (rms), deg/s; 0.6 is a steady hand.
+        /// Camera shake: rms angular velocity, deg/s; 0.6 is a steady hand.
         #[arg(long, value_name = "DEG/S", allow_negative_numbers = true)]
         pub shake: Option<f64>,
         /// What moves against the shake.
@@ -620,7 +620,7 @@ section! {
         /// With focusing, metering and denoising, which is left out where it does not fit. Of a sequence, for each picture.
         #[arg(long, value_name = "TIME")]
         pub time_limit: Option<Seconds>,
-        /// A quick look: blur made from one sharp exposure and its depth.
+        /// Quick look: depth of field from one sharp exposure and its depth map (approximate).
         ///
         /// No rays are traced through the lens.
         #[arg(long)]
@@ -635,7 +635,7 @@ section! {
         /// Library of Intel Open Image Denoise, or its folder; without, DIOPTER_OIDN, the system's libraries and Python's package pyoidn are searched.
         #[arg(long, value_name = "FILE")]
         pub oidn: Option<PathBuf>,
-        /// Outliers that remain when the samples end: count them less (reweight), or leave them as computed (keep).
+        /// Fireflies: keep them, or re-weight samples that those around do not support (reweight).
         ///
         /// Without it, shoot re-weights where all files are pictures (JPEG, PNG, TIFF), and keeps where one is an exposure (DNG, EXR, --truth, ...); expose keeps.
         /// The fraction of the light that was taken away is told. Parts of the samples and exposures larger than memory keep.

@@ -213,7 +213,7 @@ impl Sequence {
         }
     }
 
-    /// Makes a metered shot ready for a picture of the sequence; pictures must be taken in order, from 0. Fails as [`Shot::turn_to`], and where the lens cannot be set.
+    /// Makes a metered shot ready for a picture of the sequence; pictures must be taken in order, from 0. Fails as [`Shot::advance_to`], and where the lens cannot be set.
     pub fn turn(&self, shot: &mut Shot, k: usize, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         let at = shot.at_s();
         match *self {
@@ -225,7 +225,7 @@ impl Sequence {
                         "each frame is open for {open:.4} s, longer than it lasts at {fps} frames a second: they overlap"
                     ));
                 }
-                shot.turn_to(shot.begun_s() + k as f64 / fps, k as u64, warn)
+                shot.advance_to(shot.begun_s() + k as f64 / fps, k as u64, warn)
             }
             Sequence::DualPixel => {
                 shot.take_photodiode(if k == 0 { Half::Left } else { Half::Right });
@@ -241,20 +241,20 @@ impl Sequence {
                 let times: Vec<f64> = (0..=k).map(|i| longest / ratio.powi(i as i32)).collect();
                 let line_s = shot.line_time_s() / f64::from(count);
                 let begins = staggered_starts(&times, line_s, count, gap_s);
-                shot.turn_to(shot.begun_s() + begins[k], k as u64, warn)
+                shot.advance_to(shot.begun_s() + begins[k], k as u64, warn)
             }
             Sequence::Focus { step, .. } => {
                 let ended = if k == 0 { at } else { at + shot.shutter().total_s() };
                 if k > 0 {
                     shot.refocus_by(-step * shot.depth_of_focus_mm(), warn)?;
                 }
-                shot.turn_to(ended, k as u64, warn)
+                shot.advance_to(ended, k as u64, warn)
             }
             Sequence::Bracket { count, step_ev, vary } => {
                 let vary = vary.unwrap_or(shot.varies());
                 let ended = if k == 0 { at } else { at + shot.shutter().total_s() };
                 shot.expose_by(if k == 0 { -0.5 * f64::from(count - 1) * step_ev } else { step_ev }, vary, warn)?;
-                shot.turn_to(ended, k as u64, warn)
+                shot.advance_to(ended, k as u64, warn)
             }
         }
     }

@@ -8,7 +8,7 @@ pub trait Setting: Sized {
     fn is_absent(&self) -> bool;
 
     /// Takes what another says, where it says something.
-    fn take_over(&mut self, said: Self) {
+    fn override_with(&mut self, said: Self) {
         if !said.is_absent() {
             *self = said;
         }
@@ -38,7 +38,7 @@ impl<T: Value> Setting for Option<T> {
         self.is_none()
     }
 
-    fn take_over(&mut self, said: Self) {
+    fn override_with(&mut self, said: Self) {
         match (self, said) {
             (_, None) => {}
             (Some(value), Some(said)) => value.replace(said),
@@ -94,14 +94,14 @@ macro_rules! section {
                 $(self.$field.is_absent())&&*
             }
 
-            fn take_over(&mut self, said: Self) {
-                $(self.$field.take_over(said.$field);)*
+            fn override_with(&mut self, said: Self) {
+                $(self.$field.override_with(said.$field);)*
             }
         }
 
         impl Value for $name {
             fn replace(&mut self, said: Self) {
-                self.take_over(said);
+                self.override_with(said);
             }
         }
     };

@@ -11,7 +11,7 @@ use diopter_scene::studio::Studio;
 
 impl Shot {
     /// Writes what was settled into a shot file: it then takes this picture again, whatever the meter says.
-    pub fn settle(&self, file: &mut ShotFile) {
+    pub fn write_resolved(&self, file: &mut ShotFile) {
         if file.sequence.bracket.is_some() {
             file.sequence.vary = Some(self.varies().name().into());
         }

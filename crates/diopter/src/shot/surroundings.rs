@@ -1,8 +1,8 @@
 //! What is around a scene: a studio, a picture of surroundings, sun and sky, fog.
 
+use super::scene_setup::CameraPlacement;
 use super::sections::{DaylightSection, FogSection, SceneSection};
 use super::sources::is_light_file;
-use super::staging::Stand;
 use super::{ShotError, read_environment, value};
 use crate::quantity::Moment;
 use diopter_scene::bvh::Bounds;
@@ -90,7 +90,7 @@ pub(super) fn put(
     scene: &mut Description,
     section: &SceneSection,
     flash: bool,
-    stand: &Stand,
+    placement: &CameraPlacement,
     warn: &mut dyn FnMut(&str),
 ) -> Result<Option<f32>, ShotError> {
     check(section)?;
@@ -148,7 +148,9 @@ pub(super) fn put(
         scene.environment = Some(environment);
     }
     let day = match asked {
-        Some(Light::Sun) => Some(DaylightSection { sun: Some(sun_for(stand)), ..section.daylight.clone().unwrap_or_default() }),
+        Some(Light::Sun) => {
+            Some(DaylightSection { sun: Some(sun_for(placement)), ..section.daylight.clone().unwrap_or_default() })
+        }
         _ => section.daylight.clone(),
     };
     if let Some(daylight_section) = day {
@@ -162,34 +164,34 @@ pub(super) fn put(
                 -elevation
             ));
         }
-        take_away_sky(scene, "daylight", warn);
-        day.put_into(scene);
+        remove_sky(scene, "daylight", warn);
+        day.add_to_scene(scene);
     }
     // A floor nobody asked for is not put where it would hide what stands above it from a camera below.
-    let stands = !stand.bounds.is_empty() && stand.place.translation.y > stand.bounds.min.y;
+    let stands = !placement.bounds.is_empty() && placement.place.translation.y > placement.bounds.min.y;
     let ground = section.ground.or(stands.then_some(GROUND));
     let dark = scene.environment.is_none() && !has_lamps(scene) && !flash;
     match asked {
         Some(Light::Sun) => return Ok(ground),
         Some(Light::Overcast) => {
-            take_away_sky(scene, "the overcast sky", warn);
+            remove_sky(scene, "the overcast sky", warn);
             scene.environment = Some(overcast::sky(overcast::ILLUMINANCE_LX, ground.unwrap_or(GROUND)));
             return Ok(ground);
         }
         Some(Light::Studio) => {
-            if stand.bounds.is_empty() {
+            if placement.bounds.is_empty() {
                 return Err(value("light", "\"studio\" of a scene without a surface", "something that it can light"));
             }
-            if stand.is_within() {
-                warn("the camera stands within the scene, the lamps of the studio outside: walls will keep their light away");
+            if placement.is_within() {
+                warn("the camera is inside the scene, the studio lamps are outside: walls will block them");
             }
-            take_away_sky(scene, "the studio", warn);
-            put_studio(scene, section, stand)?;
+            remove_sky(scene, "the studio", warn);
+            add_studio(scene, section, placement)?;
             return Ok(None);
         }
         Some(Light::Own) if dark => warn("the scene has no light of its own, and none was put there: the picture will be black"),
-        None if dark && stand.bounds.is_empty() => {}
-        None if dark && stand.is_within() => {
+        None if dark && placement.bounds.is_empty() => {}
+        None if dark && placement.is_within() => {
             warn(
                 "the scene has no light, and the camera stands within it: an even white sky of 2000 cd/m² is put around it (for another give \
                  --light, --environment, --sun 40,135 or --daylight)",
@@ -198,7 +200,7 @@ pub(super) fn put(
         }
         None if dark => {
             warn("the scene has no light of its own: a studio lights it (--light sun, overcast, FILE.hdr or none for another)");
-            put_studio(scene, section, stand)?;
+            add_studio(scene, section, placement)?;
             return Ok(None);
         }
         _ => {}
@@ -212,7 +214,7 @@ fn has_lamps(scene: &Description) -> bool {
 }
 
 /// Takes away what shines from infinity.
-fn take_away_sky(scene: &mut Description, what: &str, warn: &mut dyn FnMut(&str)) {
+fn remove_sky(scene: &mut Description, what: &str, warn: &mut dyn FnMut(&str)) {
     let before = scene.punctual.len();
     scene.punctual.retain(|l| !l.is_infinite());
     if scene.environment.take().is_some() || scene.punctual.len() < before {
@@ -221,25 +223,25 @@ fn take_away_sky(scene: &mut Description, what: &str, warn: &mut dyn FnMut(&str)
 }
 
 /// Puts a studio around a scene; its sweep has the albedo of the ground that is asked for.
-fn put_studio(scene: &mut Description, section: &SceneSection, stand: &Stand) -> Result<(), ShotError> {
+fn add_studio(scene: &mut Description, section: &SceneSection, placement: &CameraPlacement) -> Result<(), ShotError> {
     let albedo = section.ground.unwrap_or(studio::ALBEDO);
     if !(0.0..=1.0).contains(&albedo) {
         return Err(value("ground", albedo, "an albedo from 0 to 1"));
     }
-    studio(stand, albedo).put_into(scene);
+    studio(placement, albedo).add_to_scene(scene);
     Ok(())
 }
 
-fn studio(stand: &Stand, albedo: f32) -> Studio {
-    let view = studio::View { world_from_camera: stand.place, tan_half: stand.tan_half };
-    Studio { subject: stand.bounds, view, albedo }
+fn studio(placement: &CameraPlacement, albedo: f32) -> Studio {
+    let view = studio::View { world_from_camera: placement.place, tan_half: placement.tan_half };
+    Studio { subject: placement.bounds, view, albedo }
 }
 
 /// Elevation and azimuth of a sun to the left behind the camera, degrees.
-fn sun_for(stand: &Stand) -> [f64; 2] {
-    let to = match stand.bounds.is_empty() {
-        true => Vec3::from(stand.place.matrix3.z_axis),
-        false => studio(stand, 0.0).facing(),
+fn sun_for(placement: &CameraPlacement) -> [f64; 2] {
+    let to = match placement.bounds.is_empty() {
+        true => Vec3::from(placement.place.matrix3.z_axis),
+        false => studio(placement, 0.0).facing(),
     };
     // From north, -z, towards east, +x: clockwise seen from above, as from the camera to its left.
     let azimuth = f64::from(to.x).atan2(f64::from(-to.z)).to_degrees() + SUN_DEG[1];
@@ -285,7 +287,7 @@ pub fn daylight(section: &DaylightSection) -> Result<Daylight, ShotError> {
 ///
 /// Without a box, fog ends as far around the scene and the camera as one can see in it where light comes from infinity (else none would arrive), and
 /// nowhere where not.
-pub(super) fn put_fog(scene: &mut Scene, section: &FogSection, camera: Vec3) -> Result<(), ShotError> {
+pub(super) fn add_fog(scene: &mut Scene, section: &FogSection, camera: Vec3) -> Result<(), ShotError> {
     let visibility = section.visibility.map_or(100.0, |v| v.0);
     if !(1e-3..=1e7).contains(&visibility) {
         return Err(value("visibility", visibility, "0.001 to 10 000 000 m"));

@@ -4,7 +4,9 @@ use super::sections::{DiffractionChoice, FireflyChoice};
 use super::{ExposedStrips, Shot, ShotError, sequence, white_point};
 use crate::camera::{Camera, Film};
 use crate::denoising::{BUILT_IN, Denoise, Filter};
-use crate::expose::{Diffraction, Exposed, Exposure, Fireflies, Frames, Keep, Response, Settings, Sums, Watch};
+use crate::expose::{
+    Diffraction, Exposed, Exposure, Fireflies, Frames, ProgressReporter, Response, Settings, Sums, SumsCallback,
+};
 use crate::quick_look::Optics;
 use crate::row_store::PagedRows;
 use crate::stray::WithStray;
@@ -63,25 +65,30 @@ impl Shot {
         }
     }
 
-    /// Whether what lamps send far out is spread apart: where there is diffraction and the film counts electrons, which say what a lamp is.
-    pub fn makes_stars(&self) -> bool {
-        self.stars && !self.radiance && self.spectral.is_none() && self.diffracts()
+    /// Whether starbursts are drawn separately: where there is diffraction and the film counts electrons, whose white says what a lamp is.
+    pub fn separates_starbursts(&self) -> bool {
+        self.starbursts && !self.radiance && self.spectral.is_none() && self.diffracts()
     }
 
     /// Bands that the sums of the exposure hold: those of the film, and more where fireflies are re-weighted, where lamps make stars and where direct
     /// light is recorded.
     pub fn summed_bands(&self) -> usize {
-        expose::summed_bands(self.bands(), self.reweights(), self.makes_stars(), self.settings.records_direct())
+        expose::summed_bands(self.bands(), self.reweights(), self.separates_starbursts(), self.settings.records_direct())
     }
 
     /// Exposes the film. [`Shot::meter`] must have been called. Fails as [`Shot::expose_from`].
-    pub fn expose(&self, watch: &Watch) -> Result<FocalPlane, ShotError> {
+    pub fn expose(&self, watch: &ProgressReporter) -> Result<FocalPlane, ShotError> {
         Ok(self.expose_from(None, watch, None)?.plane)
     }
 
     /// Exposes the film, or goes on from where `start` stands. `keep` and being stopped: see [`Exposure::run`]. What was stopped is not denoised, nor what
     /// is denoised for pictures alone ([`Shot::for_pictures`]). Fails as [`Exposure::run`] and [`Filter::denoise`].
-    pub fn expose_from(&self, start: Option<Sums>, watch: &Watch, keep: Option<Keep>) -> Result<Exposed, ShotError> {
+    pub fn expose_from(
+        &self,
+        start: Option<Sums>,
+        watch: &ProgressReporter,
+        keep: Option<SumsCallback>,
+    ) -> Result<Exposed, ShotError> {
         if self.lens_cap {
             let plane = darkness(&self.camera.film, &self.response(), &self.settings, self.plane_facts());
             return Ok(Exposed { plane, stopped: false, stray: None });
@@ -205,8 +212,8 @@ impl Shot {
     pub fn expose_rows(
         &self,
         start: Option<Sums<PagedRows>>,
-        watch: &Watch,
-        keep: Option<Keep<PagedRows>>,
+        watch: &ProgressReporter,
+        keep: Option<SumsCallback<PagedRows>>,
         memory: usize,
         folder: &Path,
     ) -> Result<ExposedStrips<'_>, ShotError> {
@@ -261,7 +268,7 @@ impl Shot {
             settings.fireflies = Fireflies::Reweight { white_e };
         }
         if self.diffracts() {
-            settings.diffraction = Diffraction::On { white_e: self.makes_stars().then_some(white_e) };
+            settings.diffraction = Diffraction::On { white_e: self.separates_starbursts().then_some(white_e) };
         }
         settings
     }
@@ -270,7 +277,7 @@ impl Shot {
     pub fn read_out(&self, plane: &FocalPlane) -> Result<RawImage, ShotError> {
         let mut raw = read_out(plane, &self.sensor, &self.reading, &white_point(&self.reading.white)?)?;
         raw.header.facts.date.clone_from(&self.date);
-        raw.header.baseline_ev += self.held_back_ev;
+        raw.header.baseline_ev += self.microlens_compensation_ev;
         if self.settings.half.is_some() {
             // Half of the light: developed as bright as whole pixels.
             raw.header.baseline_ev += 1.0;

@@ -14,7 +14,7 @@ use crate::shutter::{Direction, Mechanism, RAMP_S, READOUT_S, Shutter, TRAVEL_S}
 use crate::stabiliser::Stabiliser;
 use diopter_lens::LensError;
 use diopter_scene::light::Modulation;
-use diopter_scene::motion::{Ending, Playing};
+use diopter_scene::motion::{AnimationPlayback, Extrapolation};
 use diopter_scene::scene::Viewpoint;
 use diopter_scene::{Description, Scene};
 use diopter_sensor::{Sensor, nearest};
@@ -109,7 +109,7 @@ impl Timing {
                 if s.line_time.is_some() && s.readout.is_some() {
                     return Err(value("readout", s.readout.unwrap_or(Seconds(0.0)), "either line_time or readout, not both"));
                 }
-                let size = super::staging::film(file, sensor, view)?;
+                let size = super::scene_setup::film(file, sensor, view)?;
                 let lines = if direction.is_vertical() { size.rows } else { size.columns } as f64;
                 let readout_s = match s.line_time {
                     Some(_) => time("line_time", s.line_time, 0.0)? * lines,
@@ -142,7 +142,7 @@ impl Timing {
     }
 
     /// Lays the camera's path; stops that are aimed at nothing look at `center`. Fails on times out of range and on stops that look nowhere.
-    pub fn lay_path(&mut self, file: &ShotFile, center: Vec3) -> Result<(), ShotError> {
+    pub fn build_path(&mut self, file: &ShotFile, center: Vec3) -> Result<(), ShotError> {
         for stop in &file.camera.path {
             let aim = stop.look_at.or(file.camera.look_at).map_or(center, Vec3::from_array);
             let up = stop.up.or(file.camera.up).map_or(Vec3::Y, Vec3::from_array);
@@ -174,17 +174,17 @@ impl Timing {
         };
         let ending = match s.animation_end.as_deref() {
             None => d.playing.ending,
-            Some("clamp") => Ending::Clamp,
-            Some("loop") => Ending::Loop,
+            Some("clamp") => Extrapolation::Clamp,
+            Some("loop") => Extrapolation::Loop,
             Some(other) => return Err(value("animation_end", format!("\"{other}\""), "clamp or loop")),
         };
         let last = animations.iter().map(|i| d.animations[*i].span_s()[1]).fold(f64::NEG_INFINITY, f64::max);
-        self.end_s = (ending == Ending::Clamp && last.is_finite()).then_some(last);
+        self.end_s = (ending == Extrapolation::Clamp && last.is_finite()).then_some(last);
         let frozen_at_s = self.frozen.then_some(self.at_s);
         if frozen_at_s.is_some() {
             self.end_s = None;
         }
-        d.playing = Playing { animations, ending, frozen_at_s };
+        d.playing = AnimationPlayback { animations, ending, frozen_at_s };
         Ok(())
     }
 
@@ -326,7 +326,7 @@ fn flash(file: &ShotFile) -> Result<Option<Flash>, ShotError> {
 }
 
 /// Makes lamps flicker.
-pub(super) fn put_flicker(d: &mut Description, flicker: &[FlickerSection]) -> Result<(), ShotError> {
+pub(super) fn add_flicker(d: &mut Description, flicker: &[FlickerSection]) -> Result<(), ShotError> {
     for f in flicker {
         let phase = f.phase_deg.unwrap_or(0.0);
         let frequency = f.frequency.map(|h| h.0);

@@ -58,7 +58,7 @@ impl ShotFile {
         if said == ShotFile::default() || text.starts_with('{') {
             shot = shot.without(&setting)?;
         }
-        shot.take_over(said);
+        shot.override_with(said);
         Ok(shot)
     }
 

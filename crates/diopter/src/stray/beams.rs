@@ -5,7 +5,7 @@ use crate::camera::Camera;
 use crate::expose::response::Response;
 use diopter_lens::CompoundLens;
 use diopter_lens::ghosts::SourceBeam;
-use diopter_light::Wavelengths;
+use diopter_light::SampledWavelengths;
 use diopter_light::wavelength::FIRST_NM;
 use diopter_scene::Scene;
 use diopter_scene::light::{LightRef, Modulation, PunctualKind};
@@ -48,7 +48,7 @@ pub(super) fn beams(scene: &Scene, camera: &Camera, lens: &CompoundLens, respons
     let area = (0..lights.area.len() as u32).map(LightRef::Area);
     let punctual = (0..lights.punctual.len() as u32).map(LightRef::Punctual);
     let towards = |lamp: LightRef, u: [f32; 2]| {
-        let nm = Wavelengths::fixed([450.0, 520.0, 590.0, 660.0]);
+        let nm = SampledWavelengths::fixed([450.0, 520.0, 590.0, 660.0]);
         scene.incident(lamp, point, u, &nm, time_s as f32, 4)
     };
     // A lamp with extent is cut into cells: large ones into more, where there are few lamps.
@@ -78,7 +78,9 @@ pub(super) fn beams(scene: &Scene, camera: &Camera, lens: &CompoundLens, respons
         for k in (0..steps).step_by(4) {
             let nm: [f32; 4] = std::array::from_fn(|c| FIRST_NM + STEP_NM * ((k + c) as f32 + 0.5));
             // Dark at these four, or hidden.
-            let Some(light) = scene.incident(*lamp, point, *u, &Wavelengths::fixed(nm), time_s as f32, 4) else { continue };
+            let Some(light) = scene.incident(*lamp, point, *u, &SampledWavelengths::fixed(nm), time_s as f32, 4) else {
+                continue;
+            };
             for (nm, irradiance) in nm.into_iter().zip(light.irradiance.to_array()) {
                 let bin = (((nm - FIRST_NM) / BIN_NM) as usize).min(BINS - 1);
                 for (band, curve) in counts.iter_mut().zip(&response.curves) {

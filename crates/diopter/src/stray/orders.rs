@@ -9,7 +9,7 @@ use super::tracing::{AT_ONCE, LOOK, assemble, tracer};
 use super::{BIN_NM, BINS};
 use crate::camera::Film;
 use diopter_lens::System;
-use diopter_lens::ghosts::{Arrival, AtSensor, GhostTracer, reflects};
+use diopter_lens::ghosts::{AtSensor, FilmHit, GhostTracer, reflects};
 use diopter_light::wavelength::FIRST_NM;
 use glam::{DVec2, Vec2};
 use rayon::prelude::*;
@@ -82,7 +82,7 @@ pub(super) fn draw_all(
 /// Whether a film point lies on the sensor.
 fn on_sensor(film: &Film, at: DVec2) -> bool {
     let half = 0.5 * DVec2::new(film.width_mm, film.height_mm);
-    (at + DVec2::from_array(film.middle_mm)).abs().cmple(half).all()
+    (at + DVec2::from_array(film.center_mm)).abs().cmple(half).all()
 }
 
 /// The lamps whose image lies on the sensor, the strongest first.
@@ -183,7 +183,7 @@ fn chosen<'a>(system: &System, tracers: &[GhostTracer], lamp: &'a Lamp<'a>, film
 /// Draws an order; `None` where none of it is on the film.
 fn draw(o: &Order, tracers: &[GhostTracer], film: &Film, size: [usize; 2], bands: usize) -> Option<Patch> {
     let place = on_raster(film, size);
-    let back = |tracer: &GhostTracer, ray: &Option<(Arrival, f64)>| {
+    let back = |tracer: &GhostTracer, ray: &Option<(FilmHit, f64)>| {
         let (arrival, power) = ray.as_ref()?;
         let back = tracer.follow_back(arrival, o.order, &[o.forth]).ok()?;
         Some((place(back.film), back.fraction * power * o.scale)).filter(|n| n.0.is_finite())

@@ -70,7 +70,7 @@ impl Patch {
 /// Raster coordinates of a film point: the picture stands upside down on the film.
 pub(super) fn on_raster(film: &Film, [columns, rows]: [usize; 2]) -> impl Fn(DVec2) -> Vec2 {
     let cells = DVec2::new(columns as f64, rows as f64);
-    let (size, middle) = (DVec2::new(film.width_mm, film.height_mm), DVec2::from_array(film.middle_mm));
+    let (size, middle) = (DVec2::new(film.width_mm, film.height_mm), DVec2::from_array(film.center_mm));
     move |at: DVec2| {
         let at = (at + middle) / size;
         (DVec2::new(0.5 - at.x, 0.5 + at.y) * cells).as_vec2()

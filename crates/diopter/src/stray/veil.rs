@@ -66,7 +66,7 @@ impl Grid {
     fn over(film: &Film, columns: usize) -> Grid {
         let columns = columns.clamp(1, film.columns.max(1));
         let rows = (columns * film.rows).div_ceil(film.columns.max(1)).max(1);
-        Grid { columns, rows, size: DVec2::new(film.width_mm, film.height_mm), middle: DVec2::from_array(film.middle_mm) }
+        Grid { columns, rows, size: DVec2::new(film.width_mm, film.height_mm), middle: DVec2::from_array(film.center_mm) }
     }
 
     fn cell(&self) -> DVec2 {

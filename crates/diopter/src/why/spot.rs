@@ -12,7 +12,7 @@ use crate::shutter::{Place, Shutter};
 use diopter_lens::diffraction::Kernel;
 use diopter_lens::{CompoundLens, Diffraction, Lens, LensRay};
 use diopter_light::Ray;
-use diopter_light::random::{Sampler, SamplerKind, Set};
+use diopter_light::random::{Dimensions, Sampler, SamplerKind};
 use diopter_light::spectrum::Table;
 use diopter_scene::shape::Surface;
 use diopter_scene::{OtherExposure, Scene};
@@ -273,8 +273,8 @@ fn arrival(
 ) -> Option<Arrival> {
     let (lens, film) = (&camera.lens, &camera.film);
     let sampler = Sampler::new(SamplerKind::Sobol, SEED, (0, 0), number, SAMPLES);
-    let [_, _, pu, pv] = sampler.get(Set::Camera);
-    let [color, moment, ..] = sampler.get(Set::Time);
+    let [_, _, pu, pv] = sampler.get(Dimensions::Camera);
+    let [color, moment, ..] = sampler.get(Dimensions::Time);
     let (u, nm) = ([pu, pv], colors.at(f64::from(color)));
     let start_mm = camera.film_point(finder.start.x, finder.start.y);
     let place = PupilPlace::new(lens, start_mm, u)?;
@@ -293,7 +293,7 @@ fn arrival(
     let weight = place.ray(at_mm, nm)?.weight_sr * (close - open);
     let mut displaced_mm = DVec2::ZERO;
     if let Some((diffraction, kernel)) = diffraction {
-        let [a, b, ..] = sampler.get(Set::Diffraction(0));
+        let [a, b, ..] = sampler.get(Dimensions::Diffraction(0));
         displaced_mm = kernel.draw([a, b], nm as f32);
         // The aberration in the plane of focus is in the pattern: rays of the exposure leave it out ([`Diffraction::straightened`]).
         if let Lens::Compound(lens) = lens {

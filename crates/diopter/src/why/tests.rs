@@ -9,7 +9,7 @@ use diopter_lens::compound::{REFERENCE_NM, Setting};
 use diopter_lens::ray::{Apertures, TraceDirection, TracedRay};
 use diopter_lens::{CompoundLens, Pinhole};
 use diopter_scene::material::{Material, Scattering};
-use diopter_scene::motion::{AnimatedProperty, Animation, Channel, KeyInterpolation, Motion, Node, Playing};
+use diopter_scene::motion::{AnimatedProperty, Animation, AnimationPlayback, Channel, KeyInterpolation, Motion, Node};
 use diopter_scene::shape::Mesh;
 use diopter_scene::texture::Color;
 use diopter_scene::{Description, Object, Shape};
@@ -46,7 +46,11 @@ fn wall(depth: f32, speed: Vec3) -> Scene {
         objects: vec![if moves { object } else { Object { motion: Motion::Still, ..object } }],
         nodes: vec![Node::new("node")],
         animations: if moves { vec![Animation { name: "go".into(), channels: vec![keys] }] } else { vec![] },
-        playing: if moves { Playing { animations: vec![0], ..Default::default() } } else { Playing::default() },
+        playing: if moves {
+            AnimationPlayback { animations: vec![0], ..Default::default() }
+        } else {
+            AnimationPlayback::default()
+        },
         ..Default::default()
     })
     .unwrap();
@@ -187,7 +191,7 @@ fn a_shot_explains_itself() {
     file.exposure.nd = Some(crate::quantity::Filter(1.0));
     let mut shot = Shot::prepare(&file, &mut |_| ()).unwrap();
     let cancel = std::sync::atomic::AtomicBool::new(false);
-    let watch = crate::expose::Watch { cancel: &cancel, progress: &|_| () };
+    let watch = crate::expose::ProgressReporter { cancel: &cancel, progress: &|_| () };
     shot.meter(&watch, &mut |_| ()).unwrap();
     let why = why(&shot, Some([0.4, 0.6]), None).unwrap();
     let b = &why.brightness;

@@ -9,14 +9,16 @@ use diopter::scene::material::{Material, Scattering};
 use diopter::scene::shape::{Quad, Sphere};
 use diopter::scene::texture::Color;
 use diopter::scene::{Description, Object, Scene, Shape};
-use diopter::{Camera, CameraMotion, Film, Integrator, Response, Settings, Shutter, camera::look_at, expose, expose::Watch};
+use diopter::{
+    Camera, CameraMotion, Film, Integrator, Response, Settings, Shutter, camera::look_at, expose, expose::ProgressReporter,
+};
 use glam::Vec3;
 use std::sync::atomic::AtomicBool;
 
 const SECOND: Shutter = Shutter { mechanism: diopter::shutter::Mechanism::Global, exposure_s: 1.0 };
 
 fn take(scene: &Scene, camera: &Camera, settings: &Settings) -> FocalPlane {
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     expose(scene, camera, &SECOND, &Response::luminance(), settings, &ExposureFacts::default(), &watch).unwrap()
 }
 

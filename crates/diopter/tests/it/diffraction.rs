@@ -1,7 +1,7 @@
 //! Diffraction in exposures: closed forms, the light of lamps, and what exposures promise.
 
 use diopter::camera::look_at;
-use diopter::expose::{Diffraction, Exposure, Watch};
+use diopter::expose::{Diffraction, Exposure, ProgressReporter};
 use diopter::image::focal_plane::{Band, BandUnit};
 use diopter::image::{ExposureFacts, FocalPlane};
 use diopter::lens::{Focus, Iris, Lens, Pinhole, ThinLens};
@@ -50,7 +50,7 @@ fn lamp(side_mm: f32, luminance: f32, sky: f32) -> Scene {
 }
 
 fn take(scene: &Scene, camera: &Camera, response: &Response, settings: &Settings) -> FocalPlane {
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     expose(scene, camera, &Shutter::global(1.0), response, settings, &ExposureFacts::default(), &watch).unwrap()
 }
 
@@ -190,7 +190,7 @@ fn an_exposure_goes_on_after_a_pause_with_the_same_bits() {
     let exposure =
         Exposure { scene: &scene, camera: &camera, shutter: &shutter, response: &response, settings: &on, facts: &facts };
     let go = AtomicBool::new(false);
-    let watch = Watch { cancel: &go, progress: &|_| () };
+    let watch = ProgressReporter { cancel: &go, progress: &|_| () };
     let mut sums = Vec::new();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let whole = pool.install(|| {

@@ -1,7 +1,7 @@
 //! Direct and indirect light as truth: the light of the picture, told apart.
 
 use diopter::camera::look_at;
-use diopter::expose::{Diffraction, Exposure, Fireflies, Watch};
+use diopter::expose::{Diffraction, Exposure, Fireflies, ProgressReporter};
 use diopter::image::channels::{Channel, DIRECT, INDIRECT};
 use diopter::image::focal_plane::FocalPlaneSource;
 use diopter::image::{ExposureFacts, FocalPlane};
@@ -47,7 +47,7 @@ impl Shot {
     }
 
     fn take(&self, settings: &Settings) -> FocalPlane {
-        let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+        let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
         let shutter = Shutter::global(0.01);
         expose(&self.scene, &self.camera, &shutter, &self.response, settings, &ExposureFacts::default(), &watch).unwrap()
     }
@@ -131,7 +131,7 @@ fn parts_threads_and_paged_exposures_have_the_same_direct_light() {
     let (settings, facts, shutter) = (asking(8), ExposureFacts::default(), Shutter::global(0.01));
     let Shot { scene, camera, response, .. } = &shot;
     let exposure = Exposure { scene, camera, shutter: &shutter, response, settings: &settings, facts: &facts };
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     let mut rows = exposure.run_paged(&watch, None, None, 1 << 14, &std::env::temp_dir()).unwrap().rows(scene);
     let paged = rows.next_rows(32).unwrap();
     assert_eq!((&paged.mean, apart(&paged)), (&whole.mean, apart(&whole)));

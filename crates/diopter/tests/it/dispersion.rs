@@ -9,13 +9,13 @@ use diopter::scene::light::Environment;
 use diopter::scene::{Description, Scene, builtin};
 use diopter::sensor::Sensor;
 use diopter::shutter::{Direction, Mechanism};
-use diopter::{Camera, CameraMotion, Film, Response, Settings, Shutter, camera::look_at, expose, expose::Watch};
+use diopter::{Camera, CameraMotion, Film, Response, Settings, Shutter, camera::look_at, expose, expose::ProgressReporter};
 use glam::Vec3;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 fn take(scene: &Scene, camera: &Camera, shutter: &Shutter, settings: &Settings) -> FocalPlane {
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     let sensor = Sensor::named("canon-5d-mark-iv").unwrap();
     expose(scene, camera, shutter, &Response::sensor(&sensor), settings, &ExposureFacts::default(), &watch).unwrap()
 }

@@ -2,7 +2,7 @@
 
 use diopter::ExposeError;
 use diopter::events::{EventFilm, TakenEvents, take};
-use diopter::expose::Watch;
+use diopter::expose::ProgressReporter;
 use diopter::quantity::{FNumber, Seconds, Size};
 use diopter::sensor::events::EventSensor;
 use diopter::shot::{ShotError, ShotFile};
@@ -24,7 +24,7 @@ fn film(duration_s: f64, step_s: f64) -> EventFilm {
 
 fn taken(file: &ShotFile, film: &EventFilm) -> TakenEvents {
     let go_on = AtomicBool::new(false);
-    take(file, film, &Watch { cancel: &go_on, progress: &|_| () }, &mut |_| ()).unwrap()
+    take(file, film, &ProgressReporter { cancel: &go_on, progress: &|_| () }, &mut |_| ()).unwrap()
 }
 
 #[test]
@@ -61,7 +61,7 @@ fn events_follow_the_light_of_what_moves() {
 #[test]
 fn what_an_event_sensor_has_not_is_refused() {
     let go_on = AtomicBool::new(false);
-    let watch = Watch { cancel: &go_on, progress: &|_| () };
+    let watch = ProgressReporter { cancel: &go_on, progress: &|_| () };
     let refused = |change: fn(&mut ShotFile), film: EventFilm| {
         let mut file = shot("cornell");
         change(&mut file);

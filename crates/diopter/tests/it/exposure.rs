@@ -8,14 +8,14 @@ use diopter::light::units::Millimeters;
 use diopter::scene::light::Environment;
 use diopter::scene::{Scene, builtin};
 use diopter::sensor::Sensor;
-use diopter::{Camera, CameraMotion, Film, Response, Settings, Shutter, camera::look_at, expose, expose::Watch};
+use diopter::{Camera, CameraMotion, Film, Response, Settings, Shutter, camera::look_at, expose, expose::ProgressReporter};
 use glam::Vec3;
 use std::sync::atomic::AtomicBool;
 
 const SECOND: Shutter = Shutter { mechanism: diopter::shutter::Mechanism::Global, exposure_s: 1.0 };
 
 fn take(scene: &Scene, camera: &Camera, response: &Response, settings: &Settings) -> FocalPlane {
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     expose(scene, camera, &SECOND, response, settings, &ExposureFacts::default(), &watch).unwrap()
 }
 
@@ -277,7 +277,7 @@ fn an_interrupted_exposure_goes_on_bit_for_bit() {
     let pool = |threads: usize| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let mut kept = Vec::new();
     pool(1).install(|| {
-        let watch = Watch { cancel: &go, progress: &|_| () };
+        let watch = ProgressReporter { cancel: &go, progress: &|_| () };
         let exposed = exposure
             .run(
                 &watch,
@@ -296,13 +296,13 @@ fn an_interrupted_exposure_goes_on_bit_for_bit() {
     assert_eq!(so_far, [take(&scene, &camera, &response, &Settings { samples: 254..256, ..settings.clone() })]);
     assert!(kept.iter().any(|sums| sums.samples() == (254..254)) && kept.iter().any(|sums| sums.samples() == (254..256)));
     for sums in &kept {
-        let watch = Watch { cancel: &go, progress: &|_| () };
+        let watch = ProgressReporter { cancel: &go, progress: &|_| () };
         let exposed = pool(3).install(|| exposure.run(&watch, Some(sums.clone()), None)).unwrap();
         assert!(!exposed.stopped && exposed.plane == whole, "from {:?}", sums.samples());
     }
     // Stopped in the first pass: that is finished, and is all there is.
     pool(1).install(|| {
-        let watch = Watch { cancel: &stop, progress: &|_| () };
+        let watch = ProgressReporter { cancel: &stop, progress: &|_| () };
         let mut on_stop = |_: &diopter::expose::Sums| {
             stop.store(true, std::sync::atomic::Ordering::Relaxed);
             ControlFlow::Continue(())
@@ -325,7 +325,7 @@ fn an_interrupted_exposure_goes_on_bit_for_bit() {
         assert_eq!((stopped.unwrap_err(), count), (ExposeError::Cancelled, 0));
     });
     // Who has kept the sums may end it within a pass: with the first tiles of the first one, and no sample of all pixels.
-    let watch = Watch { cancel: &go, progress: &|_| () };
+    let watch = ProgressReporter { cancel: &go, progress: &|_| () };
     let mut first = None;
     let mut keep_and_end = |sums: &diopter::expose::Sums| {
         first = Some((sums.samples().len(), sums.mean_samples()));
@@ -336,7 +336,7 @@ fn an_interrupted_exposure_goes_on_bit_for_bit() {
     // 64 of the 9 × 8 tiles have both samples of the pass.
     assert_eq!(first, Some((0, 2.0 * 64.0 / 72.0)));
     let other = Settings { samples: 0..4, ..settings.clone() };
-    let watch = Watch { cancel: &go, progress: &|_| () };
+    let watch = ProgressReporter { cancel: &go, progress: &|_| () };
     let foreign = Exposure { settings: &other, ..exposure }.run(&watch, Some(kept[0].clone()), None);
     assert_eq!(foreign.unwrap_err(), ExposeError::Foreign);
 }
@@ -358,7 +358,7 @@ fn re_weighted_exposures_have_the_same_bits_for_any_threads_and_after_a_pause() 
     let pool = |threads: usize| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let mut sums = Vec::new();
     let whole = pool(1).install(|| {
-        let watch = Watch { cancel: &go, progress: &|_| () };
+        let watch = ProgressReporter { cancel: &go, progress: &|_| () };
         let mut keep = |s: &diopter::expose::Sums| {
             sums.push(s.clone());
             std::ops::ControlFlow::Continue(())
@@ -366,7 +366,7 @@ fn re_weighted_exposures_have_the_same_bits_for_any_threads_and_after_a_pause() 
         exposure.run(&watch, None, Some(&mut keep)).unwrap().plane
     });
     assert_eq!(pool(3).install(|| take(&scene, &camera, &response, &settings)), whole);
-    let watch = Watch { cancel: &go, progress: &|_| () };
+    let watch = ProgressReporter { cancel: &go, progress: &|_| () };
     let start = sums.first().expect("more tiles than one thread takes at once").clone();
     assert_eq!(exposure.run(&watch, Some(start), None).unwrap().plane, whole);
     // What is reported is what is missing; single precision of the planes: 1e-6.

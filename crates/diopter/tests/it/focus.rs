@@ -2,7 +2,7 @@
 
 use crate::common::{FILM, Pattern, cards, lens};
 use diopter::camera::look_at;
-use diopter::expose::Watch;
+use diopter::expose::ProgressReporter;
 use diopter::focus::{Autofocus, Failure, Measure, Method, Motor, Priority, Report, View, autofocus, zones_named};
 use diopter::lens::{Focus, Lens};
 use diopter::scene::Scene;
@@ -29,7 +29,7 @@ fn focus(scene: &Scene, lens: &Lens, af: &Autofocus) -> Report {
         motion: CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()),
     };
     let (sensor, cancel) = (Sensor::named("canon-5d-mark-iv").unwrap(), AtomicBool::new(false));
-    let watch = Watch { cancel: &cancel, progress: &|_| () };
+    let watch = ProgressReporter { cancel: &cancel, progress: &|_| () };
     let settings = Settings::new(64);
     let reading = Reading::new(100.0, 1);
     let view =

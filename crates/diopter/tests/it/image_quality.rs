@@ -4,7 +4,7 @@
 //! single rays from the object there. Objects are 10 km away: 50 mm are out of focus by 0.25 µm.
 
 use diopter::camera::look_at;
-use diopter::expose::Watch;
+use diopter::expose::ProgressReporter;
 use diopter::image::focal_plane::{Band, BandUnit};
 use diopter::image::{ExposureFacts, FocalPlane};
 use diopter::lens::analysis::Bench;
@@ -46,7 +46,7 @@ fn photograph(shape: Shape, lens: &CompoundLens, film: Film, spp: u32) -> FocalP
         curves: vec![Table::new(544.0, 1.0, band)],
         analyzers: Vec::new(),
     };
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     let settings = Settings { truth: false, ..Settings::new(spp) };
     let scene = Scene::build(d).unwrap();
     expose(&scene, &camera, &Shutter::global(1.0), &response, &settings, &ExposureFacts::default(), &watch).unwrap()
@@ -134,7 +134,7 @@ fn points_of_a_chart_lie_where_the_bench_puts_their_chief_rays() {
             // A disc of 0.1 mm in the picture, and the piece of the film around the place that it should have.
             let center = Vec3::new(field.to_radians().tan() as f32, 0.0, -1.0) * DISTANCE;
             let disc = Shape::Sphere(Sphere { center, radius: DISTANCE * 0.05 / efl as f32 });
-            let film = Film { middle_mm: [expected, 0.0], ..Film::new(size, size, side, side) };
+            let film = Film { center_mm: [expected, 0.0], ..Film::new(size, size, side, side) };
             let plane = photograph(disc, &lens, film, 128);
             let (mut light, mut moment) = (0.0, [0.0; 2]);
             for (i, v) in plane.mean.data.iter().enumerate() {

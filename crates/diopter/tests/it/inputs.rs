@@ -1,6 +1,6 @@
 //! A shot from values in memory is the shot that names them.
 
-use diopter::expose::{Sums, Watch};
+use diopter::expose::{ProgressReporter, Sums};
 use diopter::image::FocalPlane;
 use diopter::lens::embedded;
 use diopter::scene::builtin;
@@ -15,7 +15,7 @@ const ASKED: &str = "[exposure]\nshutter = \"1/60\"\n[focus]\ndistance = \"1.2 m
 fn taken(toml: &str, inputs: Inputs) -> FocalPlane {
     let file: ShotFile = toml::from_str(toml).unwrap();
     let mut shot = Shot::prepare_with(&file, inputs, &mut |_| ()).unwrap();
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     shot.focus(&watch, &mut |_| ()).unwrap();
     shot.meter(&watch, &mut |_| ()).unwrap();
     shot.expose(&watch).unwrap()
@@ -55,7 +55,7 @@ fn what_settles_a_shot_names_the_scene_in_memory() {
     let file: ShotFile = toml::from_str(ASKED).unwrap();
     let shot = Shot::prepare_with(&file, Inputs { scene: Some(Arc::new(scene)), ..Inputs::default() }, &mut |_| ()).unwrap();
     let mut settled = file.clone();
-    shot.settle(&mut settled);
+    shot.write_resolved(&mut settled);
     assert_eq!(settled.scene.file.as_deref(), Some("mine"));
 }
 
@@ -64,7 +64,7 @@ fn taken_cached(toml: &str, cache: &mut SceneCache) -> (FocalPlane, Vec<String>)
     let file: ShotFile = toml::from_str(toml).unwrap();
     let mut warnings = Vec::new();
     let mut shot = Shot::prepare_cached(&file, Inputs::default(), cache, &mut |w| warnings.push(w.to_owned())).unwrap();
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     shot.focus(&watch, &mut |_| ()).unwrap();
     shot.meter(&watch, &mut |_| ()).unwrap();
     (shot.expose(&watch).unwrap(), warnings)
@@ -110,10 +110,10 @@ fn whoever_watches_sees_the_picture_so_far() {
     let ready = |spp: u32| {
         let toml = format!("[scene]\nfile = \"cornell\"\n{}", ASKED.replace("spp = 2", &format!("spp = {spp}")));
         let mut shot = Shot::prepare(&toml::from_str(&toml).unwrap(), &mut |_| ()).unwrap();
-        shot.meter(&Watch { cancel: &AtomicBool::new(false), progress: &|_| () }, &mut |_| ()).unwrap();
+        shot.meter(&ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () }, &mut |_| ()).unwrap();
         shot
     };
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     let shot = ready(12);
     let mut seen = Vec::new();
     let mut look = |sums: &Sums| {

@@ -3,7 +3,7 @@
 use crate::common::{Pattern, cards, lens};
 use diopter::camera::look_at;
 use diopter::develop::{Developer, Recipe};
-use diopter::expose::Watch;
+use diopter::expose::ProgressReporter;
 use diopter::image::{ExposureFacts, FocalPlane, PictureSource, Raster, RawImage};
 use diopter::lens::microlens::MicrolensArray;
 use diopter::lens::{Focus, Lens};
@@ -35,7 +35,7 @@ fn take(body: &str, scene: &Scene, lens: &Lens, film: Film, spp: u32) -> FocalPl
     let motion = CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap());
     let camera = Camera { lens: lens.clone(), film, motion };
     let sensor = Sensor::named(body).unwrap();
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     let facts = ExposureFacts {
         focal_length_mm: lens.focal_length().0,
         f_number: lens.f_number(),

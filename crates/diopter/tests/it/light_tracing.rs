@@ -1,7 +1,7 @@
 //! Small lamps out of focus: light traced from them is the light that paths from the camera find, with less noise.
 
 use diopter::camera::look_at;
-use diopter::expose::{Sums, Watch};
+use diopter::expose::{ProgressReporter, Sums};
 use diopter::image::{ExposureFacts, FocalPlane};
 use diopter::lens::compound::Setting;
 use diopter::lens::{CompoundLens, Focus, Iris, Lens, ThinLens, embedded};
@@ -34,7 +34,7 @@ impl Shot {
     }
 
     fn take(&self, settings: &Settings) -> FocalPlane {
-        let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+        let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
         let facts = ExposureFacts::default();
         expose(&self.scene, &self.camera, &self.shutter, &self.response, settings, &facts, &watch).unwrap()
     }
@@ -212,7 +212,7 @@ fn threads_parts_and_pauses_do_not_change_an_exposure_with_light_from_lamps() {
         settings: &wanted,
         facts: &facts,
     };
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     let mut kept: Option<Sums> = None;
     let mut keep = |sums: &Sums| {
         kept = Some(sums.clone());

@@ -1,7 +1,7 @@
 //! Photographs of the laboratory's charts, measured, against what the chain of lens and sensor predicts.
 
 use diopter::camera::look_at;
-use diopter::expose::Watch;
+use diopter::expose::ProgressReporter;
 use diopter::image::{ExposureFacts, FocalPlane};
 use diopter::lens::compound::Setting;
 use diopter::lens::{CompoundLens, Focus, Lens, embedded};
@@ -50,7 +50,7 @@ fn expose_on_the_way(
     let scene = Scene::build(builtin::named(chart).unwrap()).unwrap();
     let camera = Camera { lens: Lens::Compound(Box::new(lens.clone())), film, motion };
     let response = Response { bands: sensor.bands(), curves: sensor.band_responses(), analyzers: Vec::new() };
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     let plane: FocalPlane =
         expose(&scene, &camera, &Shutter::global(0.01), &response, &settings, &ExposureFacts::default(), &watch).unwrap();
     let bands = plane.bands.iter().map(|b| b.name.clone()).collect();
@@ -163,7 +163,7 @@ fn stopped_down_edges_have_the_benchs_response_with_diffraction() {
     (sensor.crosstalk, sensor.low_pass_px, sensor.fill_factor) = (0.0, 0.0, 1.0);
     let (side, size) = (160usize, 0.64);
     let lens = lens("double-gauss-50mm", Some(16.0), [36.0, 24.0]);
-    let film = Film { middle_mm: [1.6, 0.0], ..Film::new(size, size, side, side) };
+    let film = Film { center_mm: [1.6, 0.0], ..Film::new(size, size, side, side) };
     assert!(diffraction_shows(&Lens::Compound(Box::new(lens.clone())), &film));
     let settings = Settings { truth: false, diffraction: Diffraction::On { white_e: None }, ..Settings::new(256) };
     let picture = expose_chart("slanted-edges", &lens, film, &sensor, settings);
@@ -250,7 +250,7 @@ fn shot(change: impl Fn(&mut ShotFile)) -> Shot {
     file.render.spp = Some(64);
     change(&mut file);
     let mut quiet = |_: &str| ();
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     let mut shot = Shot::prepare(&file, &mut quiet).unwrap();
     shot.focus(&watch, &mut quiet).unwrap();
     shot.meter(&watch, &mut quiet).unwrap();
@@ -261,7 +261,7 @@ fn shot(change: impl Fn(&mut ShotFile)) -> Shot {
 fn developed_edges_have_the_response_of_chain_and_development() {
     // Sharpened, so that something beside demosaicing and the tone curve is predicted.
     let shot = shot(|file| file.develop.sharpen.amount = 0.8);
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     let raw = shot.read_out(&shot.expose(&watch).unwrap()).unwrap();
     let picture = developed::measured(&shot.develop(&raw).unwrap());
     let options = mtf::Options { reach: Some(10.0), ..mtf::Options::default() };

@@ -1,7 +1,7 @@
 //! Meters against the truth: a grey card in twenty scenes over twenty EV.
 
 use diopter::camera::look_at;
-use diopter::expose::Watch;
+use diopter::expose::ProgressReporter;
 use diopter::image::{ExposureFacts, Raster};
 use diopter::lens::{Lens, Pinhole};
 use diopter::light::units::Millimeters;
@@ -209,7 +209,7 @@ fn a_grey_card_lands_on_its_target_in_scenes_of_others() {
 
 fn cards_land_on_their_target(all: Vec<View>) {
     let stop = AtomicBool::new(false);
-    let watch = Watch { cancel: &stop, progress: &|_| () };
+    let watch = ProgressReporter { cancel: &stop, progress: &|_| () };
     let sensor = Sensor::named("canon-5d-mark-iv").unwrap();
     let white = cie::illuminant("D65").unwrap();
     let lens = Lens::Pinhole(Pinhole::new(Millimeters(FOCAL_MM), 8.0).unwrap());
@@ -254,7 +254,7 @@ fn cards_land_on_their_target(all: Vec<View>) {
 #[test]
 fn every_pattern_agrees_on_an_even_card_over_twenty_ev() {
     let stop = AtomicBool::new(false);
-    let watch = Watch { cancel: &stop, progress: &|_| () };
+    let watch = ProgressReporter { cancel: &stop, progress: &|_| () };
     let d = Description { environment: Some(Environment::uniform(Vec3::splat(1.0))), ..Default::default() };
     let scene = Scene::build(d).unwrap();
     let lens = Lens::Pinhole(Pinhole::new(Millimeters(500.0), 8.0).unwrap());
@@ -295,7 +295,7 @@ fn every_pattern_agrees_on_an_even_card_over_twenty_ev() {
 #[test]
 fn the_reading_does_not_depend_on_the_samples_of_the_picture() {
     let stop = AtomicBool::new(false);
-    let watch = Watch { cancel: &stop, progress: &|_| () };
+    let watch = ProgressReporter { cancel: &stop, progress: &|_| () };
     let d = builtin::named("cornell").unwrap();
     let motion = CameraMotion::still(d.cameras[0].world_from_camera);
     let scene = Scene::build(d).unwrap();

@@ -1,7 +1,7 @@
 //! What time does to pictures: blur, lean, flashes, against closed forms and against averages of instants.
 
 use diopter::camera::look_at;
-use diopter::expose::Watch;
+use diopter::expose::ProgressReporter;
 use diopter::flash::{C, Flash, Sync};
 use diopter::image::{ExposureFacts, FocalPlane};
 use diopter::lens::{Focus, Iris, Lens, Pinhole, ThinLens};
@@ -9,7 +9,7 @@ use diopter::light::units::Millimeters;
 use diopter::scene::builtin::{self, moving_bars};
 use diopter::scene::light::{Environment, Modulation};
 use diopter::scene::material::{Material, Scattering};
-use diopter::scene::motion::{Ending, Playing};
+use diopter::scene::motion::{AnimationPlayback, Extrapolation};
 use diopter::scene::shape::Quad;
 use diopter::scene::texture::Color;
 use diopter::scene::{Description, Object, Scene, Shape, load};
@@ -23,7 +23,7 @@ use std::sync::atomic::AtomicBool;
 use crate::common::generated;
 
 fn take(scene: &Scene, camera: &Camera, shutter: &Shutter, response: &Response, settings: &Settings) -> FocalPlane {
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     expose(scene, camera, shutter, response, settings, &ExposureFacts::default(), &watch).unwrap()
 }
 
@@ -151,7 +151,7 @@ fn against_instants(name: &str, description: Description, camera: &Camera, at_s:
 }
 
 fn loop_all(mut d: Description, animation: usize) -> Description {
-    d.playing = Playing { animations: vec![animation], ending: Ending::Loop, frozen_at_s: None };
+    d.playing = AnimationPlayback { animations: vec![animation], ending: Extrapolation::Loop, frozen_at_s: None };
     d
 }
 
@@ -216,7 +216,7 @@ fn a_flash_exposes_as_its_guide_number_says() {
     let (guide_number, distance) = (20.0, 2.0);
     let mut d = wall(None);
     let flash = Flash { guide_number, power: 1.0, pulse_s: 1e-4, sync: Sync::First, offset_m: Vec3::ZERO };
-    flash.put_into(&mut d);
+    flash.add_to_scene(&mut d);
     let (node, material) = Flash::place_in(&d).unwrap();
     let mut scene = Scene::build(d).unwrap();
     // A long exposure: the flash is a ten thousandth of it.
@@ -238,7 +238,7 @@ fn a_flash_exposes_as_its_guide_number_says() {
 fn too_fast_a_sync_leaves_a_band() {
     let mut d = wall(None);
     let flash = Flash { guide_number: 20.0, power: 1.0, pulse_s: 1e-5, sync: Sync::First, offset_m: Vec3::ZERO };
-    flash.put_into(&mut d);
+    flash.add_to_scene(&mut d);
     let (node, material) = Flash::place_in(&d).unwrap();
     let mut scene = Scene::build(d).unwrap();
     let shutter = Shutter { mechanism: Mechanism::FocalPlane { travel_s: 4e-3, direction: Direction::Down }, exposure_s: 1e-3 };

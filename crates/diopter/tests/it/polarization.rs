@@ -1,7 +1,7 @@
 //! Polarisers before the lens and sensors that tell polarisation, in whole exposures, against closed forms.
 
 use diopter::camera::look_at;
-use diopter::expose::Watch;
+use diopter::expose::ProgressReporter;
 use diopter::image::{ExposureFacts, FocalPlane};
 use diopter::lens::{Lens, Pinhole};
 use diopter::light::cie;
@@ -39,7 +39,7 @@ fn water() -> Scene {
 fn sky() -> (Scene, Daylight) {
     let day = Daylight::new(sun::Place { elevation: 0.35, azimuth: 0.0, distance_au: 1.0 });
     let mut d = Description::default();
-    day.put_into(&mut d);
+    day.add_to_scene(&mut d);
     let mut scene = Scene::build(d).unwrap();
     scene.pose(0.0, 1.0);
     (scene, day)
@@ -58,7 +58,7 @@ fn camera(from: Vec3, towards: Vec3, columns: usize) -> Camera {
 
 fn exposed(scene: &Scene, camera: &Camera, response: &Response, settings: &Settings) -> FocalPlane {
     let cancel = AtomicBool::new(false);
-    let watch = Watch { cancel: &cancel, progress: &|_| () };
+    let watch = ProgressReporter { cancel: &cancel, progress: &|_| () };
     expose(scene, camera, &Shutter::global(0.01), response, settings, &ExposureFacts::default(), &watch).unwrap()
 }
 
@@ -163,7 +163,7 @@ fn meters_look_through_the_polariser() {
     let meter = Meter { sensor: &sensor, reading: &reading, pattern: Pattern::Average, at: [0.5; 2], filter: 1.0 };
     let white = cie::illuminant("D65").unwrap();
     let cancel = AtomicBool::new(false);
-    let watch = Watch { cancel: &cancel, progress: &|_| () };
+    let watch = ProgressReporter { cancel: &cancel, progress: &|_| () };
     let read = |p: Option<&str>| meter.read(&scene, &camera, &settings(p), &white, &watch).unwrap().unwrap();
     let stops = read(None) - read(Some("linear:0deg"));
     assert!((stops - 1.0).abs() < 0.03, "{stops}");

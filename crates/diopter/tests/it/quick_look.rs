@@ -1,7 +1,7 @@
 //! The quick look against rays through the lens.
 
 use diopter::camera::look_at;
-use diopter::expose::Watch;
+use diopter::expose::ProgressReporter;
 use diopter::image::{ExposureFacts, FocalPlane};
 use diopter::lens::{Focus, Iris, Lens, ThinLens};
 use diopter::light::units::Millimeters;
@@ -40,7 +40,7 @@ fn scene(balls: bool) -> Scene {
 }
 
 fn take(scene: &Scene, camera: &Camera, spp: u32) -> FocalPlane {
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     expose(scene, camera, &Shutter::global(1.0), &Response::linear_srgb(), &Settings::new(spp), &ExposureFacts::default(), &watch)
         .unwrap()
 }
@@ -89,7 +89,7 @@ fn the_sharp_camera_is_as_bright() {
     let d = Description { environment: Some(Environment::uniform(Vec3::splat(100.0))), ..Default::default() };
     let (scene, sensor) = (Scene::build(d).unwrap(), diopter::sensor::Sensor::named("canon-5d-mark-iv").unwrap());
     let light = |camera: &Camera| {
-        let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+        let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
         let facts = ExposureFacts::default();
         let plane = expose(&scene, camera, &Shutter::global(1.0), &Response::sensor(&sensor), &Settings::new(64), &facts, &watch)
             .unwrap();

@@ -2,7 +2,7 @@
 
 use crate::common::{Pattern, cards};
 use diopter::develop::Recipe;
-use diopter::expose::Watch;
+use diopter::expose::ProgressReporter;
 use diopter::image::dng::{self, Storage};
 use diopter::image::{FocalPlane, RawImage};
 use diopter::raw_file;
@@ -19,7 +19,7 @@ fn taken(toml: &str, scene: Option<diopter::scene::Description>) -> Vec<(FocalPl
     let inputs = Inputs { scene: scene.map(Arc::new), ..Inputs::default() };
     let mut shot = Shot::prepare_with(&file, inputs, &mut |_| ()).unwrap();
     sequence.check(&shot).unwrap();
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     shot.focus(&watch, &mut |_| ()).unwrap();
     shot.meter(&watch, &mut |_| ()).unwrap();
     (0..sequence.count())

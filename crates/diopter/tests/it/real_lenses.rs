@@ -7,14 +7,14 @@ use diopter::light::units::Millimeters;
 use diopter::scene::light::Environment;
 use diopter::scene::{Description, Scene, builtin};
 use diopter::sensor::Sensor;
-use diopter::{Camera, CameraMotion, Film, Response, Settings, Shutter, camera::look_at, expose, expose::Watch};
+use diopter::{Camera, CameraMotion, Film, Response, Settings, Shutter, camera::look_at, expose, expose::ProgressReporter};
 use glam::{DVec2, Vec3};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 fn take(scene: &Scene, camera: &Camera, settings: &Settings) -> FocalPlane {
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     let sensor = Sensor::named("canon-5d-mark-iv").unwrap();
     let shutter = Shutter::global(1.0);
     expose(scene, camera, &shutter, &Response::sensor(&sensor), settings, &ExposureFacts::default(), &watch).unwrap()
@@ -157,7 +157,7 @@ fn interrupted_exposures_go_on_where_colours_land_in_other_tiles() {
     let exposure =
         Exposure { scene: &scene, camera: &camera, shutter: &shutter, response: &response, settings: &settings, facts: &facts };
     let stop = AtomicBool::new(false);
-    let watch = Watch { cancel: &stop, progress: &|_| () };
+    let watch = ProgressReporter { cancel: &stop, progress: &|_| () };
     let with = |threads: usize| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let mut kept = Vec::new();
     let whole = with(1)
@@ -204,7 +204,7 @@ fn exposures_on_the_disk_make_the_files_of_exposures_in_memory() {
     // Two passes.
     let settings = Settings { samples: 127..130, ..Settings::new(256) };
     let stop = AtomicBool::new(false);
-    let watch = Watch { cancel: &stop, progress: &|_| () };
+    let watch = ProgressReporter { cancel: &stop, progress: &|_| () };
     let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     for lens in lenses {
         let camera = Camera { lens, film: film(), motion: CameraMotion::still(place) };
@@ -262,7 +262,7 @@ fn more_than_four_bands_land_where_four_do() {
             curves: (0..copies).flat_map(|_| one.curves.clone()).collect(),
             analyzers: Vec::new(),
         };
-        let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+        let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
         let (shutter, settings) = (Shutter::global(1.0), Settings { truth: false, ..Settings::new(8) });
         expose(&scene, &camera, &shutter, &response, &settings, &ExposureFacts::default(), &watch).unwrap()
     };
@@ -402,7 +402,7 @@ fn a_furnace_hides_bodies_with_dispersion_behind_every_kind_of_lens() {
 #[test]
 fn an_even_field_has_its_radiance_behind_every_lens() {
     let scene = even(1000.0);
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     for (name, f_number, size) in [
         ("planar-50mm-f1.4", None, [36.0, 24.0]),
         ("planar-50mm-f1.4", Some(8.0), [36.0, 24.0]),
@@ -479,7 +479,7 @@ fn gaps_between_pixels_collect_no_wavelength() {
     let (columns, width) = (12, 0.12);
     let fine = Film { pixel_area_mm2: 1e-6, ..Film::new(width, 0.02, 4 * columns, 1) };
     let fine = fine.piece([0.0, 0.0, 1.0, 1.0], 4 * columns, 1);
-    let shifted = |film: Film| Film { middle_mm: [2.0, 0.0], ..film };
+    let shifted = |film: Film| Film { center_mm: [2.0, 0.0], ..film };
     let (fine, pitch) = (shifted(fine), width / columns as f64);
     let coarse = Film { gap_mm: [0.5 * pitch, 0.0], ..shifted(Film::new(width, 0.02, columns, 1)) };
     let [fine, coarse] = [fine, coarse].map(|f| Film { pixel_area_mm2: 1e-6, ..f });
@@ -511,10 +511,10 @@ fn radiance_counts_all_of_the_pupil_alike() {
     // A scene whose radiance differs over the pupil: a step edge far out of focus behind a lens with an obstruction, and in the vignetted corner of a
     // fast one. The truth: the mean over the rays that pass, of an even grid over the pixel and the pupil.
     let facts = ExposureFacts::default();
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     for (name, middle, edge_x) in [("reflex-500mm-f8", [0.0, 0.0], 0.0085), ("planar-50mm-f1.4", [17.0, 11.0], 0.346)] {
         // One pixel; the scene's half plane is 1 m away where the lens is focused at infinity.
-        let film = Film { middle_mm: middle, ..Film::new(0.05, 0.05, 1, 1) };
+        let film = Film { center_mm: middle, ..Film::new(0.05, 0.05, 1, 1) };
         let whole = Film::new(36.0, 24.0, 1, 1);
         let lens = lens(name, None, Focus::Infinity, None, &whole);
         let corner = Vec3::new(edge_x, -5.0, -1.0);

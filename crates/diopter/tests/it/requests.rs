@@ -1,6 +1,6 @@
 //! What a shot file asks for, and what the camera says to it.
 
-use diopter::expose::Watch;
+use diopter::expose::ProgressReporter;
 use diopter::lens::Lens;
 use diopter::shot::{Shot, ShotFile};
 use std::sync::atomic::AtomicBool;
@@ -15,7 +15,7 @@ fn told(toml: &str) -> (Shot, Vec<String>) {
 
 fn metered(toml: &str) -> (Shot, Vec<String>) {
     let (mut shot, mut said) = told(toml);
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| {} };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| {} };
     shot.meter(&watch, &mut |w| said.push(w.to_owned())).unwrap();
     (shot, said)
 }
@@ -212,7 +212,7 @@ fn a_saved_shot_keeps_the_studio() {
     let text = model.shot("");
     let mut file: ShotFile = toml::from_str(&text).unwrap();
     let (shot, _) = metered(&text);
-    shot.settle(&mut file);
+    shot.write_resolved(&mut file);
     assert_eq!(file.scene.light.as_deref(), Some("studio"));
     let (again, said) = told(&file.to_toml());
     // Directions are written as a point that is looked at.

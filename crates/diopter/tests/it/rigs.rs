@@ -1,7 +1,7 @@
 //! Rigs: stereo, triggers, files of other programs.
 
 use diopter::calibration::parse_camera;
-use diopter::expose::Watch;
+use diopter::expose::ProgressReporter;
 use diopter::image::truth::Values;
 use diopter::rig::Rig;
 use diopter::rig::calibration::RigFormat;
@@ -26,7 +26,7 @@ fn folder() -> tempfile::TempDir {
 
 fn shots(rig: &Rig) -> Vec<Shot> {
     let go_on = AtomicBool::new(false);
-    rig.shots(&Watch { cancel: &go_on, progress: &|_| () }, &mut |_| ()).unwrap()
+    rig.shots(&ProgressReporter { cancel: &go_on, progress: &|_| () }, &mut |_| ()).unwrap()
 }
 
 #[test]
@@ -37,7 +37,7 @@ fn depth_of_a_stereo_pair_is_focal_length_times_baseline_over_disparity() {
     // One scene for both.
     assert!(std::ptr::eq(shots[0].scene.description(), shots[1].scene.description()));
     let go_on = AtomicBool::new(false);
-    let watch = Watch { cancel: &go_on, progress: &|_| () };
+    let watch = ProgressReporter { cancel: &go_on, progress: &|_| () };
     let planes: Vec<_> = (0..2)
         .map(|k| {
             rig.turn(&mut shots[k], k, 0, &mut |_| ()).unwrap();
@@ -90,7 +90,7 @@ fn made(text: &str) -> BTreeMap<String, Vec<u8>> {
     let rig = Rig::new(text, "rig.toml", folder.path()).unwrap();
     let go_on = AtomicBool::new(false);
     let mut files = BTreeMap::new();
-    let watch = Watch { cancel: &go_on, progress: &|_| () };
+    let watch = ProgressReporter { cancel: &go_on, progress: &|_| () };
     let taken = rig.take(&watch, &mut |_| (), &mut |name, bytes| {
         files.insert(name.to_string_lossy().replace('\\', "/"), bytes.to_vec());
         Ok(())

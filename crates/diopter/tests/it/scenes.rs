@@ -1,6 +1,6 @@
 //! Scenes of files through their own cameras and ours, by daylight and in fog.
 
-use diopter::expose::Watch;
+use diopter::expose::ProgressReporter;
 use diopter::image::FocalPlane;
 use diopter::lens::Lens;
 use diopter::shot::{Shot, ShotFile};
@@ -46,7 +46,7 @@ fn shot(toml: &str) -> Shot {
 }
 
 fn exposed(mut shot: Shot) -> FocalPlane {
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| {} };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| {} };
     shot.meter(&watch, &mut |_| {}).unwrap();
     shot.expose(&watch).unwrap()
 }
@@ -161,7 +161,7 @@ fn noon_on_a_clear_day_meters_near_fifteen() {
             "[scene]\nfile = \"{file}\"\nground = 0.18\n[scene.daylight]\n{daylight}\n[exposure]\naperture = \"f/16\"\n\
              [camera]\nlook_from = [3.0, 3.5, 5.0]\nlook_at = [0.0, 0.3, 0.0]\nfocal_length = \"35 mm\"\n[render]\nspp = 16\nsize = \"60x40\""
         ));
-        let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| {} };
+        let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| {} };
         shot.meter(&watch, &mut |_| {}).unwrap();
         // Sunny 16.
         let ev = (256.0 / shot.shutter.unwrap()).log2();
@@ -234,7 +234,7 @@ fn a_small_lamp_in_the_dark_does_not_lead_the_meter_astray() {
             let mut shot = shot(&format!(
                 "[scene]\nfile = \"{file}\"\n[exposure]\naperture = \"f/5.6\"\nmetering = \"{metering}\"\n[render]\nspp = 16\nsize = \"60x40\""
             ));
-            let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| {} };
+            let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| {} };
             shot.meter(&watch, &mut |_| {}).unwrap();
             // Four percent of the picture, darkness around it, of which a matrix makes more than a mean does. It was a day, not minutes.
             let time = shot.shutter.unwrap();
@@ -257,7 +257,7 @@ fn meters_leave_out_a_void() {
         let mut shot = shot(&format!(
             "[scene]\nfile = \"{file}\"\n[exposure]\naperture = \"f/5.6\"\nmetering = \"{metering}\"\n[render]\nspp = 16\nsize = \"60x40\""
         ));
-        let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| {} };
+        let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| {} };
         shot.meter(&watch, &mut |_| {}).unwrap();
         (5.6f64.powi(2) / shot.shutter.unwrap()).log2()
     };

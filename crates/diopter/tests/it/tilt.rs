@@ -1,7 +1,7 @@
 //! Tilted lenses together with the meter, autofocus and truth channels, against closed forms.
 
 use crate::common::{Pattern, cards};
-use diopter::expose::Watch;
+use diopter::expose::ProgressReporter;
 use diopter::focus::zones_named;
 use diopter::image::FocalPlane;
 use diopter::lens::Lens;
@@ -34,7 +34,7 @@ fn shot(lens: &str, tilt_deg: f64, focus: &str, channels: &str, scene: Descripti
 
 /// Focused, metered and exposed; with what autofocus found, m.
 fn taken(mut shot: Shot) -> (Shot, FocalPlane, Option<f64>) {
-    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     let report = shot.focus(&watch, &mut |_| ()).unwrap();
     shot.meter(&watch, &mut |_| ()).unwrap();
     let plane = shot.expose(&watch).unwrap();

@@ -1,7 +1,7 @@
 //! What `why` advises, done: photographs with and without the change, measured as any picture is. The camera's model and its photographs share lens and sensor, but
 //! neither the way blur is found (spots against e-SFR) nor noise (variances against the scatter of pixels).
 
-use diopter::expose::Watch;
+use diopter::expose::ProgressReporter;
 use diopter::image::RawImage;
 use diopter::measure::{Measured, Plane, Region, mtf};
 use diopter::shot::{Shot, ShotFile};
@@ -11,7 +11,7 @@ use std::sync::atomic::AtomicBool;
 /// A shot focused and metered, and its raw image.
 fn taken(file: &ShotFile) -> (Shot, RawImage) {
     let cancel = AtomicBool::new(false);
-    let watch = Watch { cancel: &cancel, progress: &|_| () };
+    let watch = ProgressReporter { cancel: &cancel, progress: &|_| () };
     let mut shot = Shot::prepare(file, &mut |_| ()).unwrap();
     shot.focus(&watch, &mut |_| ()).unwrap();
     shot.meter(&watch, &mut |_| ()).unwrap();

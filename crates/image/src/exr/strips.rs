@@ -3,7 +3,7 @@
 //! What is written is what the `exr` crate writes of a whole picture: blocks of 16 rows from the top, packed one by one.
 
 use super::{describe, description, few_bands, image_of, malformed, open, read_focal_plane, written};
-use crate::channels::{Channel, Numbers};
+use crate::channels::{Channel, PixelType};
 use crate::focal_plane::{Band, FocalPlaneSource, STRIP_BYTES, Truth, bytes_a_pixel, ends_early, rows_within};
 use crate::streams::{ReadSeek, WriteSeek};
 use crate::truth::{Recorded, Values};
@@ -117,7 +117,7 @@ fn image_without_pixels(
     [width, height]: [usize; 2],
 ) -> Image<Layer<AnyChannels<FlatSamples>>> {
     let samples = |plane: Plane| match plane {
-        Plane::Truth(place, _) if recorded.channels()[place].numbers == Numbers::Whole => FlatSamples::U32(Vec::new()),
+        Plane::Truth(place, _) if recorded.channels()[place].numbers == PixelType::Whole => FlatSamples::U32(Vec::new()),
         _ => FlatSamples::F32(Vec::new()),
     };
     let all = Plane::all(bands, recorded.channels());

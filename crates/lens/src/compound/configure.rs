@@ -61,14 +61,14 @@ impl Configured {
 
     /// Distance from the axis (mm) beyond which no light falls on the film, at most `most`: of a lens that is not round the shortest along
     /// x and y. `None` where the film touches the lens.
-    pub fn lit_radius(&self, most: f64) -> Option<f64> {
+    pub fn image_circle_radius(&self, most: f64) -> Option<f64> {
         let first =
             FirstOrder { stop_radius: self.beam_radius, ..FirstOrder::of(&self.system, &self.system.indices(REFERENCE_NM)) };
         let batch = Batch::new(&self.system);
         let geometry = geometry(&self.system, &batch, &first, DVec2::ZERO, DVec2::splat(most))?;
         let towards = [DVec2::X, DVec2::Y, DVec2::NEG_X, DVec2::NEG_Y];
         let count = if geometry.rotational { 1 } else { towards.len() };
-        Some(towards[..count].iter().map(|d| pupil::lit_radius(&geometry, *d, most)).fold(most, f64::min))
+        Some(towards[..count].iter().map(|d| pupil::image_circle_radius(&geometry, *d, most)).fold(most, f64::min))
     }
 }
 
@@ -404,7 +404,7 @@ mod image_circle_tests {
         for (name, p) in embedded_names().filter_map(|name| Some((name, embedded(name)?))) {
             let Some(radius) = p.image_circle.map(|circle| 0.5 * circle) else { continue };
             let set = configure(&p, None, None, None, FilmPlace::AsPublished).unwrap();
-            let lit = set.lit_radius(radius).unwrap();
+            let lit = set.image_circle_radius(radius).unwrap();
             let dark = DARK.iter().find(|d| d.0 == name);
             println!("{name:<24} lit to {lit:.2} mm of {radius:.2}");
             // The circle itself may fall to nothing within 2 %; of those known to be dark the height holds within 1.5 mm.
@@ -423,19 +423,19 @@ mod image_circle_tests {
     fn the_lit_radius_is_where_the_bench_finds_no_light() {
         let p = embedded("biogon-21mm-f4.5").unwrap();
         let set = configure(&p, None, None, None, FilmPlace::AsPublished).unwrap();
-        let lit = set.lit_radius(21.6).unwrap();
+        let lit = set.image_circle_radius(21.6).unwrap();
         let bench = crate::analysis::Bench::at_infinity(&set.system);
         // Bisected to 21.6 / 512 = 0.04 mm; a sliver narrower than 1/128 of the rim grows to that width within 0.3 mm.
         assert!(bench.illumination(lit - 0.6, D_NM).geometric > 0.0, "{lit}");
         assert_eq!(bench.illumination(lit + 0.6, D_NM).geometric, 0.0, "{lit}");
         // Within what is lit the answer is what was asked.
-        assert_eq!(set.lit_radius(5.0), Some(5.0));
+        assert_eq!(set.image_circle_radius(5.0), Some(5.0));
         // The lens of the camera finds the same in every direction.
         let focus = Focus::Infinity;
         let setting = Setting { focal_length: None, f_number: None, focus, iris: None, film_mm: [36.0, 24.0] };
         let lens = CompoundLens::new(Arc::new(p), &setting).unwrap();
         for angle in [0.0, 0.6, 2.0] {
-            let there = lens.lit_radius(DVec2::from_angle(angle), 21.6);
+            let there = lens.image_circle_radius(DVec2::from_angle(angle), 21.6);
             assert!((there - lit).abs() < 0.5, "{angle}: {there} {lit}");
         }
     }

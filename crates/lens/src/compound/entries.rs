@@ -1,19 +1,19 @@
 //! Rays from the scene run through the lens onto the film: the camera samples that would have drawn them.
 //!
-//! The other way round than [`CompoundLens::exits`], with the same numbers: a ray of the scene lands on a film point for each of four wavelengths, has
+//! The other way round than [`CompoundLens::trace_to_scene`], with the same numbers: a ray of the scene lands on a film point for each of four wavelengths, has
 //! for each of them the density with which a camera sample would have drawn it, and the weight that such a sample would have had. Étendue
 //! dA cosθ dω is the same on both sides of a lens in air, so that densities of rays drawn in the scene and of camera samples can be compared
 //! (multiple importance sampling; Veach 1997, ch. 9; for lenses Hanika & Dachsbacher 2014, "Efficient Monte Carlo Rendering with Realistic Lenses").
 
 use super::samples::ThroughPupil;
-use super::{CompoundLens, Exits, PupilSampler, Scratch};
+use super::{CompoundLens, ExitRays, PupilSampler, Scratch};
 use crate::batch::single::LANES;
 use crate::ray::{TraceDirection, TracedRay};
 use glam::{DVec2, DVec3};
 
 /// Rays between scene and lens, one a lane.
 #[derive(Clone, Debug)]
-pub struct Entries {
+pub struct EntryRays {
     /// A point on each ray, mm from the entrance pupil, as [`crate::LensRay::origin_mm`].
     pub origin: [DVec3; LANES],
     /// Unit directions towards the scene (the light comes against them).
@@ -22,17 +22,23 @@ pub struct Entries {
     pub nm: [[f32; 4]; LANES],
 }
 
-impl Default for Entries {
+impl Default for EntryRays {
     fn default() -> Self {
-        Entries { origin: [DVec3::ZERO; LANES], direction: [DVec3::NEG_Z; LANES], nm: [[550.0; 4]; LANES] }
+        EntryRays { origin: [DVec3::ZERO; LANES], direction: [DVec3::NEG_Z; LANES], nm: [[550.0; 4]; LANES] }
     }
 }
 
 impl CompoundLens {
-    /// Where rays from the scene land, with the densities and weights that [`CompoundLens::exits`] gives to camera samples along the same rays. `collects`
+    /// Where rays from the scene land, with the densities and weights that [`CompoundLens::trace_to_scene`] gives to camera samples along the same rays. `collects`
     /// as there. A lane passes where some wavelength comes through and could have been the hero of a camera sample; no wavelength has
     /// a place of its own among the four. Origins in `out` are on the first surface.
-    pub fn entries(&self, rays: &Entries, collects: impl Fn(usize, DVec2) -> bool, scratch: &mut Scratch, out: &mut Exits) {
+    pub fn trace_to_film(
+        &self,
+        rays: &EntryRays,
+        collects: impl Fn(usize, DVec2) -> bool,
+        scratch: &mut Scratch,
+        out: &mut ExitRays,
+    ) {
         let sampler = ThroughPupil { places: &[[0.5; 2]; LANES], collects };
         let (packet, n) = (&mut scratch.packet, &mut scratch.n);
         let pupil = self.entrance_pupil();
@@ -45,7 +51,7 @@ impl CompoundLens {
             let ray = TracedRay { position: rays.origin[i] + pupil, direction: -rays.direction[i] };
             let ray = self.system.ray_from_object(ray);
             let (o, d) = first.to_local(ray.position, ray.direction);
-            if let Some(m) = first.profile.meet(o, d, self.system.runs[0]) {
+            if let Some(m) = first.profile.intersect(o, d, self.system.runs[0]) {
                 met |= 1 << i;
                 let start = TracedRay { position: first.to_lens(m.point, d).0, direction: ray.direction };
                 starts[i] = self.system.ray_to_object(start).position.as_vec3().to_array();
@@ -114,7 +120,7 @@ mod tests {
                 film_mm: [36.0, 24.0],
             };
             let lens = CompoundLens::new(Arc::new(embedded(name).unwrap()), &setting).unwrap().tilted(tilt).unwrap();
-            let (mut scratch, mut exits, mut back) = (Scratch::default(), Exits::default(), Exits::default());
+            let (mut scratch, mut exits, mut back) = (Scratch::default(), ExitRays::default(), ExitRays::default());
             let mut samples = Samples::default();
             let (mut passed, mut stepped) = (0, 0);
             for round in 0..24 {
@@ -126,14 +132,14 @@ mod tests {
                     samples.nm[i] = [450.0, 520.0, 590.0, 660.0].map(|nm| nm + 60.0 * part(0.5497) as f32);
                 }
                 let collects = |_: usize, at: DVec2| at.x.abs() <= 18.0 && at.y.abs() <= 12.0;
-                lens.exits(&samples, collects, &mut scratch, &mut exits);
-                let mut rays = Entries { nm: samples.nm, ..Entries::default() };
+                lens.trace_to_scene(&samples, collects, &mut scratch, &mut exits);
+                let mut rays = EntryRays { nm: samples.nm, ..EntryRays::default() };
                 for i in 0..LANES {
                     let [o, d] = [exits.origin[i], exits.direction[i]].map(|v| glam::Vec3::from_array(v).as_dvec3());
                     // Any point of the ray says the same, also one within the lens.
                     (rays.origin[i], rays.direction[i]) = (o - d * (o.z / d.z), d.normalize());
                 }
-                lens.entries(&rays, collects, &mut scratch, &mut back);
+                lens.trace_to_film(&rays, collects, &mut scratch, &mut back);
                 assert_eq!(back.spread, exits.spread);
                 for i in (0..LANES).filter(|i| exits.passed >> i & 1 == 1) {
                     // A ray along a rim may be clipped one way only: rounding of single precision.

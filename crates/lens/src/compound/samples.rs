@@ -24,9 +24,9 @@ impl Default for Samples {
     }
 }
 
-/// What becomes of them.
+/// Rays into the scene of a packet of film samples; those that the lens blocks have no bit in `passed`.
 #[derive(Clone, Debug)]
-pub struct Exits {
+pub struct ExitRays {
     /// A bit for every sample that reaches the scene.
     pub passed: u32,
     /// Whether wavelengths land on film points of their own; if not, all have the first one's weight.
@@ -47,9 +47,9 @@ pub struct Exits {
     pub density: [[f32; 4]; LANES],
 }
 
-impl Default for Exits {
+impl Default for ExitRays {
     fn default() -> Self {
-        Exits {
+        ExitRays {
             passed: 0,
             spread: false,
             origin: [[0.0; 3]; LANES],
@@ -62,9 +62,9 @@ impl Default for Exits {
     }
 }
 
-impl Exits {
+impl ExitRays {
     /// Takes over samples that passed in `other` and not here.
-    pub fn take_missing(&mut self, other: &Exits) {
+    pub fn take_missing(&mut self, other: &ExitRays) {
         let new = other.passed & !self.passed;
         self.passed |= new;
         for k in (0..LANES).filter(|k| new >> k & 1 == 1) {
@@ -109,7 +109,7 @@ impl<F: Fn(usize, DVec2) -> bool> PupilSampler for ThroughPupil<'_, F> {
     }
 }
 
-/// Buffers of [`CompoundLens::exits`], to be kept between calls.
+/// Buffers of [`CompoundLens::trace_to_scene`], to be kept between calls.
 #[derive(Clone, Debug, Default)]
 pub struct Scratch {
     pub(super) packet: Packet,
@@ -148,12 +148,24 @@ impl CompoundLens {
 
     /// A packet of samples at once: what [`CompoundLens::ray`] answers, for four wavelengths each. `collects`: whether samples start at a
     /// film point (mm; by lane); elsewhere no density is counted.
-    pub fn exits(&self, samples: &Samples, collects: impl Fn(usize, DVec2) -> bool, scratch: &mut Scratch, out: &mut Exits) {
-        self.exits_sampled(samples, &ThroughPupil { places: &samples.pupil, collects }, scratch, out);
+    pub fn trace_to_scene(
+        &self,
+        samples: &Samples,
+        collects: impl Fn(usize, DVec2) -> bool,
+        scratch: &mut Scratch,
+        out: &mut ExitRays,
+    ) {
+        self.trace_to_scene_sampled(samples, &ThroughPupil { places: &samples.pupil, collects }, scratch, out);
     }
 
     /// The same with directions drawn otherwise.
-    pub fn exits_sampled(&self, samples: &Samples, sampler: &impl PupilSampler, scratch: &mut Scratch, out: &mut Exits) {
+    pub fn trace_to_scene_sampled(
+        &self,
+        samples: &Samples,
+        sampler: &impl PupilSampler,
+        scratch: &mut Scratch,
+        out: &mut ExitRays,
+    ) {
         let Scratch { packet, forward, n, n_forward } = scratch;
         let film_z = self.system.film_z;
         let density = &mut out.density;

@@ -32,7 +32,7 @@ impl CompoundLens {
         self.tilt.apply(&mut system, self.turned.pivot_z);
         let batch = Batch::new(&system);
         let half = 0.5 * DVec2::from_array(self.setting.film_mm);
-        let middle = self.turned.pupil_middle(system.film_z, system.film_run());
+        let middle = self.turned.pupil_center_slope(system.film_z, system.film_run());
         let Some(geometry) = geometry(&system, &batch, &self.first, middle, half) else {
             let (found, expected) = (format!("{first} to {last}"), "a film behind the last surface".into());
             return Err(LensError::Setting { what: "moved group", found, expected });

@@ -108,7 +108,7 @@ impl Turned {
     }
 
     /// Slope towards the middle of the exit pupil from the middle of a film at a place on the camera's axis; `run` as [`System::film_run`].
-    pub fn pupil_middle(&self, film_z: f64, run: f64) -> DVec2 {
+    pub fn pupil_center_slope(&self, film_z: f64, run: f64) -> DVec2 {
         let towards = match self.straight.exit_pupil_z {
             z if z.is_finite() => self.on_axis(z) - DVec3::Z * film_z,
             // Telecentric: along the lens's axis.

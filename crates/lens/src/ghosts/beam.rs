@@ -1,6 +1,6 @@
 //! What a distant source makes of a ghost: real rays over the front of the lens, summed up on the film.
 
-use super::{Arrival, GhostTracer};
+use super::{FilmHit, GhostTracer};
 use crate::ray::TracedRay;
 use crate::system::System;
 use glam::{DVec2, DVec3};
@@ -102,7 +102,7 @@ impl SourceBeam {
 #[derive(Clone, Debug)]
 pub struct AtSensor {
     /// Rays of a square grid over the part of the front whose light comes through, row by row, each with the power that a unit of area of the front takes there; `None` where a ray is lost.
-    pub rays: Vec<Option<(Arrival, f64)>>,
+    pub rays: Vec<Option<(FilmHit, f64)>>,
     /// Area of the front that a ray stands for, mm².
     pub cell_mm2: f64,
 }

@@ -20,7 +20,7 @@ pub use fours::{Four, strong_fours};
 pub use grating::{Grating, MICROLENS_FRACTION};
 pub use paraxial::ParaxialGhost;
 pub(crate) use tracer::SurfaceLight;
-pub use tracer::{Arrival, GhostTracer};
+pub use tracer::{FilmHit, GhostTracer};
 
 use crate::coating::SurfaceCoating;
 use crate::system::System;

@@ -24,11 +24,11 @@ fn plain(system: &System, n: &[f64], sensor: f64, ray: TracedRay, turns: &[usize
     let (mut o, mut d, mut fraction, mut gap) = (ray.position, ray.direction, 1.0, 0usize);
     let mut turns = turns.iter().copied().peekable();
     for _ in 0..200 {
-        let mut nearest: Option<(f64, usize, crate::surface::Meeting, DVec3)> = None;
+        let mut nearest: Option<(f64, usize, crate::surface::SurfaceHit, DVec3)> = None;
         for i in [gap.checked_sub(1), (gap < count).then_some(gap)].into_iter().flatten() {
             let (lo, ld) = system.surfaces[i].to_local(o, d);
             for sense in [1.0, -1.0] {
-                let met = system.surfaces[i].profile.meet(lo, ld, sense).filter(|m| m.t > 1e-9);
+                let met = system.surfaces[i].profile.intersect(lo, ld, sense).filter(|m| m.t > 1e-9);
                 if let Some(m) = met.filter(|m| nearest.as_ref().is_none_or(|b| m.t < b.0))
                     && system.surfaces[i].lets_through(m.point.x, m.point.y)
                 {
@@ -362,7 +362,7 @@ fn orders_of_microlenses_leave_as_the_grating_equation_says() {
         let direction = DVec3::new(slope.x, slope.y, -1.0).normalize();
         let surface = &system.surfaces[last];
         let (o, d) = surface.to_local(start, direction);
-        let met = surface.profile.meet(o, d, -1.0).unwrap();
+        let met = surface.profile.intersect(o, d, -1.0).unwrap();
         let normal = met.normal.normalize();
         let back = d - normal * (2.0 * d.dot(normal));
         let end = met.point + back * ((distance - met.point.z) / back.z);

@@ -11,7 +11,7 @@ const STEPS: usize = 96;
 
 /// Light at the film.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Arrival {
+pub struct FilmHit {
     /// Where, mm.
     pub film: DVec2,
     /// Unit direction.
@@ -134,14 +134,14 @@ impl<'a> GhostTracer<'a> {
     /// Follows a ray that comes from the object through the lens, thrown back at the surfaces `turns` one after the other (the number of all
     /// surfaces: the sensor), to the film. No turn: the direct light; a [`super::Pair`]: `[back, forth]`. `Err` where it misses a surface, is clipped or totally reflected, or
     /// the turns do not lead to the film.
-    pub fn follow(&self, ray: TracedRay, turns: &[usize]) -> Result<Arrival, Blocked> {
+    pub fn follow(&self, ray: TracedRay, turns: &[usize]) -> Result<FilmHit, Blocked> {
         let ray = self.system.ray_from_object(ray);
         self.go_on(Walk { o: ray.position, d: ray.direction, fraction: 1.0, gap: 0, way: TraceDirection::ToFilm }, turns)
     }
 
     /// Follows light that has arrived at the sensor back from it, in an order of its grating (0, 0: as from a mirror), thrown back at the surfaces `turns`, to the film again.
     /// `Err` as [`GhostTracer::follow`], and where the order has no light or does not exist.
-    pub fn follow_back(&self, arrival: &Arrival, order: [i32; 2], turns: &[usize]) -> Result<Arrival, Blocked> {
+    pub fn follow_back(&self, arrival: &FilmHit, order: [i32; 2], turns: &[usize]) -> Result<FilmHit, Blocked> {
         let count = self.system.surfaces.len();
         let d = arrival.direction;
         let [x, y] = self.grating().map_or([0.0; 2], |g| g.turn(order));
@@ -156,7 +156,7 @@ impl<'a> GhostTracer<'a> {
         self.go_on(Walk { o, d, fraction, gap: count, way: TraceDirection::ToObject }, turns)
     }
 
-    fn go_on(&self, start: Walk, turns: &[usize]) -> Result<Arrival, Blocked> {
+    fn go_on(&self, start: Walk, turns: &[usize]) -> Result<FilmHit, Blocked> {
         let system = self.system;
         let count = system.surfaces.len();
         let Walk { mut o, mut d, mut fraction, mut gap, mut way } = start;
@@ -175,7 +175,7 @@ impl<'a> GhostTracer<'a> {
                 }
                 let at = o + d * t;
                 match turn {
-                    None => return Ok(Arrival { film: at.truncate(), direction: d, fraction }),
+                    None => return Ok(FilmHit { film: at.truncate(), direction: d, fraction }),
                     Some(surface) if surface == count => {
                         (o, d, way) = (at, DVec3::new(d.x, d.y, -d.z), TraceDirection::ToObject);
                         fraction *= self.sensor_reflectance([0; 2]);
@@ -201,7 +201,7 @@ impl<'a> GhostTracer<'a> {
                 (o, d, length) = (there.position, there.direction, path / self.n[gap]);
             }
             let (local_o, local_d) = surface.to_local(o, d);
-            let Some(m) = surface.profile.meet(local_o, local_d, run) else { return blocked(BlockedBy::Missed) };
+            let Some(m) = surface.profile.intersect(local_o, local_d, run) else { return blocked(BlockedBy::Missed) };
             if !surface.lets_through(m.point.x, m.point.y) {
                 return blocked(BlockedBy::Clipped);
             }

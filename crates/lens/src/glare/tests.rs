@@ -89,7 +89,7 @@ fn analogue(
         for i in 0..count {
             let (lo, ld) = system.surfaces[i].to_local(o, d);
             for sense in [1.0, -1.0] {
-                if let Some(m) = system.surfaces[i].profile.meet(lo, ld, sense)
+                if let Some(m) = system.surfaces[i].profile.intersect(lo, ld, sense)
                     && m.t > 1e-7
                     && m.t < best
                     && (i == gap || i + 1 == gap)

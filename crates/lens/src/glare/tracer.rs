@@ -20,7 +20,7 @@ const FROM_WALL: f64 = 0.25;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Unfit {
     /// Tilted, decentred or of other shape.
-    #[error("the lens does not look the same from all sides of its axis")]
+    #[error("the lens is not rotationally symmetric")]
     NotRound,
     /// Mirrors.
     #[error("the lens has mirrors")]
@@ -89,7 +89,7 @@ impl Wall {
     }
 
     /// Way to it, and the normal inwards.
-    fn meet(&self, o: DVec3, d: DVec3) -> Option<(f64, DVec3)> {
+    fn intersect(&self, o: DVec3, d: DVec3) -> Option<(f64, DVec3)> {
         let k = self.slope;
         let r0 = self.r + k * (o.z - self.z[0]);
         let a = d.x * d.x + d.y * d.y - (k * d.z).powi(2);
@@ -127,7 +127,7 @@ struct Walk {
 
 /// What a walk meets.
 enum Hit {
-    Surface(usize, crate::surface::Meeting, DVec3),
+    Surface(usize, crate::surface::SurfaceHit, DVec3),
     Wall(DVec3),
     Film,
 }
@@ -250,13 +250,13 @@ impl<'a> GlareTracer<'a> {
             let surface = &system.surfaces[i];
             let (lo, ld) = surface.to_local(walk.o, walk.d);
             for sense in [1.0, -1.0] {
-                let Some(m) = surface.profile.meet(lo, ld, sense) else { continue };
+                let Some(m) = surface.profile.intersect(lo, ld, sense) else { continue };
                 if m.t > STEP && take(m.t, &nearest) && surface.lets_through(m.point.x, m.point.y) {
                     nearest = Some((m.t, Hit::Surface(i, m, ld)));
                 }
             }
         }
-        if let Some((t, normal)) = self.walls[walk.gap].and_then(|w| w.meet(walk.o, walk.d))
+        if let Some((t, normal)) = self.walls[walk.gap].and_then(|w| w.intersect(walk.o, walk.d))
             && take(t, &nearest)
         {
             nearest = Some((t, Hit::Wall(normal)));
@@ -389,7 +389,7 @@ impl<'a> GlareTracer<'a> {
     fn at_surface(
         &self,
         i: usize,
-        m: &crate::surface::Meeting,
+        m: &crate::surface::SurfaceHit,
         ld: DVec3,
         walk: &mut Walk,
         random: &mut Random,

@@ -84,7 +84,7 @@ pub(crate) fn colors_of(p: &Prescription, asked: Option<&Vec<f64>>, weights: Opt
 /// Height (mm) up to which the film of a lens that is set is lit, at most the radius of its image circle; `None` where none is stated.
 pub(crate) fn lit_height(p: &Prescription, set: &Configured) -> Option<f64> {
     let radius = 0.5 * p.image_circle?;
-    set.lit_radius(radius).or(Some(radius))
+    set.image_circle_radius(radius).or(Some(radius))
 }
 
 /// Fields (degrees): as asked, else as the lens says, else fractions of that of the largest image height (mm).

@@ -2,7 +2,7 @@
 
 use diopter_lens::analysis::Bench;
 use diopter_lens::batch::{double, single};
-use diopter_lens::compound::{Exits, Samples, Scratch, Setting};
+use diopter_lens::compound::{ExitRays, Samples, Scratch, Setting};
 use diopter_lens::prescription::read_toml;
 use diopter_lens::ray::{Apertures, TraceDirection, TracedRay};
 use diopter_lens::{CompoundLens, Focus, Iris, State, System, embedded, embedded_names};
@@ -24,7 +24,7 @@ fn set(name: &str, f_number: Option<f64>, film_mm: [f64; 2], iris: Option<Iris>)
 
 /// Mean weight of a film point over `side`² stratified samples of the packet path, all four wavelengths at `nm`.
 fn irradiance(lens: &CompoundLens, film: DVec2, nm: f32, side: usize) -> (f64, f64) {
-    let (mut samples, mut out, mut scratch) = (Samples::default(), Exits::default(), Scratch::default());
+    let (mut samples, mut out, mut scratch) = (Samples::default(), ExitRays::default(), Scratch::default());
     samples.nm = [[nm; 4]; single::LANES];
     let (mut sum, mut passed) = (0.0, 0);
     for chunk in 0..side * side / single::LANES {
@@ -33,7 +33,7 @@ fn irradiance(lens: &CompoundLens, film: DVec2, nm: f32, side: usize) -> (f64, f
             samples.film[i] = film;
             samples.pupil[i] = [(k % side) as f32 + 0.5, (k / side) as f32 + 0.5].map(|v| v / side as f32);
         }
-        lens.exits(&samples, |_, film| film.abs().max_element() <= 100.0, &mut scratch, &mut out);
+        lens.trace_to_scene(&samples, |_, film| film.abs().max_element() <= 100.0, &mut scratch, &mut out);
         passed += out.passed.count_ones();
         sum += out.weight.iter().map(|w| w[0] as f64).sum::<f64>();
     }
@@ -272,10 +272,10 @@ fn behind_an_odd_number_of_mirrors_the_film_looks_the_other_way() {
         let chief = lens.chief_ray(DVec2::new(0.0, 5.0)).unwrap();
         let slope = chief.direction.y / -chief.direction.z;
         assert!(chief.direction.z < 0.0 && (slope * 200.0 / -5.0 - 1.0).abs() < 0.02, "{name}: {chief:?}");
-        let (mut samples, mut out, mut scratch) = (Samples::default(), Exits::default(), Scratch::default());
+        let (mut samples, mut out, mut scratch) = (Samples::default(), ExitRays::default(), Scratch::default());
         samples.film = [DVec2::new(0.0, 5.0); single::LANES];
         samples.nm = [[550.0, 450.0, 600.0, 650.0]; single::LANES];
-        lens.exits(&samples, |_, film| film.abs().max_element() <= 100.0, &mut scratch, &mut out);
+        lens.trace_to_scene(&samples, |_, film| film.abs().max_element() <= 100.0, &mut scratch, &mut out);
         assert_eq!(out.passed, u32::MAX, "{name}");
         for k in 0..4 {
             let (at, slope) = (out.lands[0][k], out.slopes[0][k]);

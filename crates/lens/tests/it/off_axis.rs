@@ -3,7 +3,7 @@
 use crate::packets::{ray_of, traced_alike};
 use diopter_lens::analysis::Bench;
 use diopter_lens::batch::double::{Batch, Indices, LANES, Packet};
-use diopter_lens::compound::{CompoundLens, Entries, Exits, Samples, Scratch, Setting};
+use diopter_lens::compound::{CompoundLens, EntryRays, ExitRays, Samples, Scratch, Setting};
 use diopter_lens::export::{ExportFormat, write};
 use diopter_lens::import::{Format, read};
 use diopter_lens::paraxial::FirstOrder;
@@ -294,7 +294,7 @@ fn photographs_look_along_the_base_ray() {
             assert!((slope * efl + film).length() < 0.1 * film.length(), "{text}: {film} {slope} {efl}");
         }
         // Rays of the camera come back to where they started, with their densities and weights.
-        let (mut scratch, mut exits, mut back) = (Scratch::default(), Exits::default(), Exits::default());
+        let (mut scratch, mut exits, mut back) = (Scratch::default(), ExitRays::default(), ExitRays::default());
         let mut samples = Samples::default();
         let lanes = samples.film.len();
         let part = |k: usize, step: f64| (k as f64 * step).fract();
@@ -303,13 +303,13 @@ fn photographs_look_along_the_base_ray() {
             samples.pupil[i] = [part(i, 0.8192) as f32, part(i, 0.6710) as f32];
         }
         let collects = |_: usize, at: DVec2| at.x.abs() <= 6.0 && at.y.abs() <= 4.0;
-        lens.exits(&samples, collects, &mut scratch, &mut exits);
-        let mut rays = Entries { nm: samples.nm, ..Entries::default() };
+        lens.trace_to_scene(&samples, collects, &mut scratch, &mut exits);
+        let mut rays = EntryRays { nm: samples.nm, ..EntryRays::default() };
         for i in 0..lanes {
             let [o, d] = [exits.origin[i], exits.direction[i]].map(|v| glam::Vec3::from_array(v).as_dvec3());
             (rays.origin[i], rays.direction[i]) = (o + d * 50.0, d.normalize());
         }
-        lens.entries(&rays, collects, &mut scratch, &mut back);
+        lens.trace_to_film(&rays, collects, &mut scratch, &mut back);
         let both = exits.passed & back.passed;
         assert!(both.count_ones() as usize > lanes / 2, "{text}: {:b} {:b}", exits.passed, back.passed);
         for i in (0..lanes).filter(|i| both >> i & 1 == 1) {

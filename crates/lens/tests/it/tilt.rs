@@ -1,7 +1,7 @@
 //! Lenses turned against their film, by rays: the plane of focus, the light, the view.
 
 use diopter_lens::batch::single;
-use diopter_lens::compound::{Exits, REFERENCE_NM, Samples, Scratch, Setting};
+use diopter_lens::compound::{ExitRays, REFERENCE_NM, Samples, Scratch, Setting};
 use diopter_lens::prescription::read_toml;
 use diopter_lens::ray::{TraceDirection, TracedRay};
 use diopter_lens::{CompoundLens, Focus, Iris, Lens, LensRay, ThinLens, embedded};
@@ -196,7 +196,7 @@ fn the_view_of_what_is_far_stays() {
 
 /// Mean weight of a film point over `side`² samples of the packet path.
 fn irradiance(lens: &CompoundLens, film: DVec2, side: usize) -> f64 {
-    let (mut samples, mut out, mut scratch) = (Samples::default(), Exits::default(), Scratch::default());
+    let (mut samples, mut out, mut scratch) = (Samples::default(), ExitRays::default(), Scratch::default());
     let mut sum = 0.0;
     for chunk in 0..side * side / single::LANES {
         for i in 0..single::LANES {
@@ -204,7 +204,7 @@ fn irradiance(lens: &CompoundLens, film: DVec2, side: usize) -> f64 {
             samples.film[i] = film;
             samples.pupil[i] = [(k % side) as f32 + 0.5, (k / side) as f32 + 0.5].map(|v| v / side as f32);
         }
-        lens.exits(&samples, |_, film| film.abs().max_element() <= 100.0, &mut scratch, &mut out);
+        lens.trace_to_scene(&samples, |_, film| film.abs().max_element() <= 100.0, &mut scratch, &mut out);
         sum += out.weight.iter().map(|w| w[0] as f64).sum::<f64>();
     }
     sum / (side * side) as f64

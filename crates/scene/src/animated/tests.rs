@@ -1,5 +1,5 @@
 use super::*;
-use crate::motion::{AnimatedProperty, Animation, Channel, Ending, KeyInterpolation, Node, Playing};
+use crate::motion::{AnimatedProperty, Animation, AnimationPlayback, Channel, Extrapolation, KeyInterpolation, Node};
 use glam::Quat;
 
 /// A node that turns about z, `turns` times a second.
@@ -20,7 +20,7 @@ fn a_track_stays_close_to_the_true_way() {
     // Whole turns in the exposure: equal ends must not pass for standing still.
     for (turns, span) in [(1.0, 1.0), (30.0, 1.0), (30.0, 0.01), (7.3, 4.0)] {
         let (nodes, animations) = turning(turns);
-        let playing = Playing { animations: vec![0], ending: Ending::Loop, frozen_at_s: None };
+        let playing = AnimationPlayback { animations: vec![0], ending: Extrapolation::Loop, frozen_at_s: None };
         let timeline = Timeline::new(&nodes, &animations, &playing);
         let track = Track::of_node(&timeline, 0, &[Vec3::X], 1.0, 0.3, span);
         for i in 0..5000 {

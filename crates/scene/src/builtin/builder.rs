@@ -1,7 +1,9 @@
 //! What embedded scenes are put together with.
 
 use crate::material::{Conductor, Material, Principled, Scattering};
-use crate::motion::{AnimatedProperty, Animation, Channel, Ending, KeyInterpolation, Local, Motion, Node, Parts, Playing};
+use crate::motion::{
+    AnimatedProperty, Animation, AnimationPlayback, Channel, Extrapolation, KeyInterpolation, Local, Motion, Node, Parts,
+};
 use crate::scene::{Description, Object, Shape};
 use crate::shape::{Mesh, Quad, Sphere};
 use crate::texture::{Color, Scalar};
@@ -70,7 +72,7 @@ impl Builder {
     pub fn animate(&mut self, name: &str, channels: Vec<Channel>) {
         self.0.animations.push(Animation { name: name.into(), channels });
         let animations = (0..self.0.animations.len()).collect();
-        self.0.playing = Playing { animations, ending: Ending::Loop, frozen_at_s: None };
+        self.0.playing = AnimationPlayback { animations, ending: Extrapolation::Loop, frozen_at_s: None };
     }
 }
 

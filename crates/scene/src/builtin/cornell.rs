@@ -5,7 +5,7 @@
 //! luminance is ours: 3000 cd/m². It hangs 0.5 mm below the ceiling, whose plane it shares in the data.
 
 use crate::material::{Material, Scattering};
-use crate::scene::{Description, FilmHints, Object, Shape, Sight, Viewpoint};
+use crate::scene::{CameraProjection, Description, FilmHints, Object, Shape, Viewpoint};
 use crate::shape::{Mesh, Quad};
 use crate::texture::Color;
 use diopter_light::Spectrum;
@@ -86,7 +86,7 @@ pub fn description() -> Description {
                 matrix3: Mat3A::from_cols(Vec3A::NEG_X, Vec3A::Y, Vec3A::NEG_Z),
                 translation: Vec3A::new(0.278, 0.273, -0.8),
             },
-            sight: Sight::Perspective { vertical_fov: 2.0 * (12.5f32 / 35.0).atan() },
+            sight: CameraProjection::Perspective { vertical_fov: 2.0 * (12.5f32 / 35.0).atan() },
             lens: None,
             film: FilmHints::default(),
             node: None,

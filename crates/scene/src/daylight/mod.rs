@@ -115,7 +115,7 @@ impl Daylight {
     }
 
     /// Puts sky, ground and sun around a scene, instead of the environment it has.
-    pub fn put_into(&self, scene: &mut Description) {
+    pub fn add_to_scene(&self, scene: &mut Description) {
         let (sky, sun) = (self.sky(), self.sky_direction());
         let level = self.twilight() as f32;
         let ground = (self.illuminance().iter().sum::<f64>() * self.ground / std::f64::consts::PI) as f32;
@@ -206,7 +206,7 @@ mod tests {
     fn the_scene_gets_what_is_claimed() {
         let day = day(40.0, 3.0);
         let mut scene = Description::default();
-        day.put_into(&mut scene);
+        day.add_to_scene(&mut scene);
         let environment = scene.environment.unwrap();
         // Mean over the directions, below the horizon that of the ground.
         let [sun, sky] = day.illuminance();

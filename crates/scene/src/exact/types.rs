@@ -10,7 +10,7 @@ use crate::material::{
 };
 use crate::medium::{Air, Cloud, Coefficient, Field, Glow, Medium, Scalars};
 use crate::motion::Parts;
-use crate::scene::{FilmHints, LensTable, Sight};
+use crate::scene::{CameraProjection, FilmHints, LensTable};
 use crate::shape::{CurveBasis, CurveKind, Curves, Quad, Sphere};
 use crate::texture::{Codes, Color, Graph, Image, Interpolation, Mapping, MeasuredColor, NoisePattern, Scalar, Texture, Wrap};
 use diopter_image::Raster;
@@ -92,7 +92,7 @@ exact_struct!(Sphere { center, radius });
 exact_struct!(Quad { corner, edges });
 exact_enum!(CurveKind { Flat, Cylinder, Ribbon });
 exact_enum!(CurveBasis { Bezier, BSpline });
-exact_enum!(Sight { Perspective { vertical_fov }, Orthographic { height }, Panorama, Table(table) });
+exact_enum!(CameraProjection { Perspective { vertical_fov }, Orthographic { height }, Panorama, Table(table) });
 exact_struct!(LensTable { file, bytes, stop_mm, focus_m });
 exact_struct!(FilmHints { size, diagonal_mm, sensor, iso });
 

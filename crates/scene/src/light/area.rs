@@ -3,11 +3,11 @@
 //! Sources: Ureña, Fajardo & King 2013, "An Area-Preserving Parametrization for Spherical Rectangles" (EGSR); PBR 6.2.4 and
 //! 12.4 (cone of a sphere). Other parallelograms and triangles are sampled by area.
 
-use super::{LightSample, Spot, clearance, segment::Pivot, tree::LightBounds};
+use super::{LightPoint, LightSample, clearance, segment::Pivot, tree::LightBounds};
 use crate::bvh::Bounds;
 use crate::material::{Emission, EmissionColor, Material};
 use crate::shape::{Quad, Sphere};
-use diopter_light::{Sampled, Spectrum, Wavelengths, sampling};
+use diopter_light::{SampledSpectrum, SampledWavelengths, Spectrum, sampling};
 use glam::{Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
 
@@ -107,9 +107,9 @@ impl AreaLight {
 
     /// Radiance at a place of the surface (barycentric weights of the second and third corner, or (α, β)), W·m⁻²·sr⁻¹·nm⁻¹, times the fraction of rays that meet the
     /// surface there; 0 without an emission.
-    pub fn radiance(&self, place: Vec2, materials: &[Material], wavelengths: &Wavelengths) -> Sampled {
+    pub fn radiance(&self, place: Vec2, materials: &[Material], wavelengths: &SampledWavelengths) -> SampledSpectrum {
         let material = &materials[self.material as usize];
-        let Some(emission) = &material.emission else { return Sampled::ZERO };
+        let Some(emission) = &material.emission else { return SampledSpectrum::ZERO };
         let (uv, fraction) = self.covered(place, material);
         emission.sample(&uv, wavelengths) * fraction
     }
@@ -130,12 +130,18 @@ impl AreaLight {
     }
 
     /// [`AreaLight::radiance`] over the spectrum of [`AreaLight::carrier`].
-    pub(crate) fn relative_radiance(&self, place: Vec2, materials: &[Material], wavelengths: &Wavelengths) -> Sampled {
+    pub(crate) fn relative_radiance(
+        &self,
+        place: Vec2,
+        materials: &[Material],
+        wavelengths: &SampledWavelengths,
+    ) -> SampledSpectrum {
         match self.carrier(materials) {
             // A constant spectrum: what is left is the fraction that is there.
-            Some(_) => Sampled::splat(self.covered(place, &materials[self.material as usize]).1),
+            Some(_) => SampledSpectrum::splat(self.covered(place, &materials[self.material as usize]).1),
             None => {
-                self.radiance(place, materials, wavelengths) / wavelengths.d65_one_nit().max(Sampled::splat(f32::MIN_POSITIVE))
+                self.radiance(place, materials, wavelengths)
+                    / wavelengths.d65_one_nit().max(SampledSpectrum::splat(f32::MIN_POSITIVE))
             }
         }
     }
@@ -221,7 +227,7 @@ impl AreaLight {
             distance,
             pdf,
             has_extent: true,
-            spot: Spot::Area(number, place),
+            spot: LightPoint::Area(number, place),
             clearance: clearance(p, p + to, distance, cos),
         })
     }
@@ -270,7 +276,7 @@ fn sample_li_sphere(sphere: &Sphere, p: Vec3, u: [f32; 2], number: u32) -> Optio
     let end = p + wi * distance;
     let cos = (end - sphere.center).dot(wi) / sphere.radius;
     let clearance = clearance(p, end, distance, cos);
-    Some(LightSample { wi, distance, pdf, has_extent: true, spot: Spot::Area(number, Vec2::ZERO), clearance })
+    Some(LightSample { wi, distance, pdf, has_extent: true, spot: LightPoint::Area(number, Vec2::ZERO), clearance })
 }
 
 /// Area over squared distance (sr) below which rectangles are sampled by area.
@@ -403,7 +409,7 @@ mod tests {
         let q = Quad { corner: Vec3::new(-1.0, -1.0, 1.0), edges: [Vec3::X * 2.0, Vec3::Y * 2.0] };
         let alpha = [1.0, 0.2, 0.6];
         let lamp = light(AreaShape::Triangle(q)).with_alpha(alpha);
-        let wavelengths = Wavelengths::fixed([450.0, 520.0, 590.0, 660.0]);
+        let wavelengths = SampledWavelengths::fixed([450.0, 520.0, 590.0, 660.0]);
         let half = || Scalar::Constant(0.5);
         for coverage in [Coverage::Full, Coverage::Blend(half()), Coverage::Mask { alpha: half(), cutoff: 0.3 }] {
             let material = Material { coverage, ..Material::lamp("lamp", Spectrum::Constant(1.0)) };

@@ -2,18 +2,18 @@
 //!
 //! A path tracer meets a small lamp out of focus by chance: of the rays from a place in its disk of blur few go through the lens to the lamp. Drawn from the
 //! lamp through the lens they all count (light tracing; Veach 1997, ch. 10: the strategy with one vertex of the camera, on its lens). Both are joined by
-//! multiple importance sampling: who draws rays through a lens knows both densities ([`Shown`]).
+//! multiple importance sampling: who draws rays through a lens knows both densities ([`EmitterMis`]).
 //!
 //! These are the same paths for both: straight from a surface that shines to the camera, through faces of media, thin dielectrics and what is left by
 //! media. Unlike the lights that are sampled, unlit surfaces (`is_light` of the emission is not set, such as stars) are among them.
 
-use super::{AreaLight, LightSample, Spot};
+use super::{AreaLight, LightPoint, LightSample};
 use crate::material::Emission;
 use crate::medium_stack::MediumStack;
 use crate::radiance::{DIRECT_EVENTS, PathSettings, stream_along};
 use crate::scene::{AreaLights, Object, Scene, Shape, area_lights};
 use crate::shape::Surface;
-use diopter_light::{Sampled, Wavelengths};
+use diopter_light::{SampledSpectrum, SampledWavelengths};
 use glam::Vec3;
 use std::borrow::Cow;
 
@@ -24,10 +24,10 @@ pub struct Emitters<'a> {
     found: AreaLights,
 }
 
-/// What a camera path counts of surfaces that shine, on a straight line from the camera: the rest comes by another strategy.
+/// Weight of a camera path that meets an emitter directly; the rest comes by light tracing (multiple importance sampling, Veach 1997, section 9.2).
 #[derive(Clone, Copy)]
-pub struct Shown<'a> {
-    /// They.
+pub struct EmitterMis<'a> {
+    /// The emitters that light tracing samples.
     pub emitters: &'a Emitters<'a>,
     /// Weight of the camera path by its number, number of the emitter and point met, m.
     pub weight: &'a dyn Fn(usize, u32, Vec3) -> f32,
@@ -35,7 +35,7 @@ pub struct Shown<'a> {
     pub path: usize,
 }
 
-impl Shown<'_> {
+impl EmitterMis<'_> {
     /// The weight at a surface that shines.
     #[inline]
     pub(crate) fn counts(&self, surface: &Surface) -> f32 {
@@ -117,11 +117,11 @@ impl Emitters<'_> {
         light_sample: &LightSample,
         p: Vec3,
         origin: Vec3,
-        wavelengths: &Wavelengths,
+        wavelengths: &SampledWavelengths,
         time_s: f32,
         settings: &PathSettings,
-    ) -> [Sampled; 2] {
-        let Spot::Area(number, place) = light_sample.spot else { return [Sampled::ZERO; 2] };
+    ) -> [SampledSpectrum; 2] {
+        let LightPoint::Area(number, place) = light_sample.spot else { return [SampledSpectrum::ZERO; 2] };
         let (scene, light) = (self.scene, &self.found.lights[number as usize]);
         let materials = &scene.description().materials;
         let sent = light.radiance(place, materials, wavelengths);
@@ -131,7 +131,7 @@ impl Emitters<'_> {
         let most = settings.max_depth;
         let shadow_ray =
             scene.shadow_ray(&mut (), sent, p, origin, light_sample, medium_stack, wavelengths, time_s, most, stream);
-        [shadow_ray.light, if shadow_ray.thin_dielectrics <= DIRECT_EVENTS { shadow_ray.light } else { Sampled::ZERO }]
+        [shadow_ray.light, if shadow_ray.thin_dielectrics <= DIRECT_EVENTS { shadow_ray.light } else { SampledSpectrum::ZERO }]
     }
 }
 
@@ -174,7 +174,7 @@ mod tests {
         assert!(scene.emitters(1).is_none());
         let emitters = scene.emitters(2).unwrap();
         assert_eq!(emitters.len(), 2);
-        let wavelengths = Wavelengths::fixed([450.0, 520.0, 590.0, 660.0]);
+        let wavelengths = SampledWavelengths::fixed([450.0, 520.0, 590.0, 660.0]);
         let settings = PathSettings::default();
         let p = Vec3::new(0.001, 0.002, 0.01);
         let mut hidden = [0, 0];
@@ -194,9 +194,9 @@ mod tests {
                     0.25
                 };
                 let sampler = Sampler::new(SamplerKind::Independent, 1, (i, number), 0, 1);
-                let shown = Shown { emitters: &emitters, weight: &weight, path: 0 };
+                let emitter_mis = EmitterMis { emitters: &emitters, weight: &weight, path: 0 };
                 let ray = Ray { origin, direction: light_sample.wi, time_s: 0.0 };
-                let path = CameraPath { shown: Some(shown), ..CameraPath::new(ray, wavelengths, sampler) };
+                let path = CameraPath { emitter_mis: Some(emitter_mis), ..CameraPath::new(ray, wavelengths, sampler) };
                 let seen = scene.radiance_along(&path, &settings).x;
                 hidden[number as usize] += u32::from(light == 0.0);
                 assert!((seen - 0.25 * light).abs() < 1e-6, "{number}: {seen} {light}");

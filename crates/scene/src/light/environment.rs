@@ -4,12 +4,12 @@
 //! (u = atan2(x, −z)/2π + ½, v = acos(y)/π). Directions are drawn in proportion to what exceeds the mean luminance, × sin θ; an even map is not
 //! sampled: scattered rays find it better.
 
-use super::{LightSample, Spot};
+use super::{LightPoint, LightSample};
 use crate::exact::{Exact, Sink, Source, field};
 use diopter_image::Raster;
 use diopter_light::color::SRGB_LUMINANCE;
 use diopter_light::sampling::Grid2;
-use diopter_light::{Sampled, Spectrum, Wavelengths};
+use diopter_light::{SampledSpectrum, SampledWavelengths, Spectrum};
 use glam::{Mat3, Vec2, Vec3};
 use serde_json::Value;
 use std::f32::consts::{PI, TAU};
@@ -204,7 +204,7 @@ impl Environment {
 
     /// Spectral radiance from a direction (in the world), W·m⁻²·sr⁻¹·nm⁻¹.
     #[inline]
-    pub fn radiance(&self, direction: Vec3, wavelengths: &Wavelengths) -> Sampled {
+    pub fn radiance(&self, direction: Vec3, wavelengths: &SampledWavelengths) -> SampledSpectrum {
         match &self.even {
             Some(light) => light.sample(wavelengths) * self.scale,
             None => Spectrum::light_from_rgb(self.rgb(direction)).sample(wavelengths),
@@ -221,7 +221,7 @@ impl Environment {
             distance: f32::INFINITY,
             pdf,
             has_extent: true,
-            spot: Spot::Environment(p),
+            spot: LightPoint::Environment(p),
             clearance: 0.0,
         })
     }
@@ -305,7 +305,7 @@ mod tests {
                 env.pdf(light_sample.wi),
                 light_sample.pdf
             );
-            let Spot::Environment(place) = light_sample.spot else { panic!("the environment aims at itself") };
+            let LightPoint::Environment(place) = light_sample.spot else { panic!("the environment aims at itself") };
             assert!((env.rgb_at(place) - env.rgb(light_sample.wi)).abs().max_element() < 0.02 * env.rgb(light_sample.wi).x + 0.5);
             bright += (env.rgb(light_sample.wi).x > 100.0) as u32;
         }

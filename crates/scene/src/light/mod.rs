@@ -15,12 +15,12 @@ pub mod segment;
 pub mod tree;
 
 pub use area::AreaLight;
-pub use emitters::{Emitters, Shown};
+pub use emitters::{EmitterMis, Emitters};
 pub use environment::{Environment, RayleighSky};
 pub use modulation::Modulation;
 pub use punctual::{Punctual, PunctualKind, SpotEdge};
 
-use diopter_light::Sampled;
+use diopter_light::SampledSpectrum;
 use glam::Vec3;
 use segment::{Pivot, Segment};
 use tree::{LightBounds, Tree};
@@ -37,7 +37,7 @@ pub struct LightSample {
     /// Whether the light has extent, so that a scattered ray could have met it.
     pub has_extent: bool,
     /// Where on the light, for its radiance.
-    pub spot: Spot,
+    pub spot: LightPoint,
     /// Distance before the light at which a shadow ray ends, m: more than rounding moves the light's surface along the ray.
     pub clearance: f32,
 }
@@ -53,7 +53,7 @@ fn clearance(p: Vec3, end: Vec3, distance: f32, cos: f32) -> f32 {
 
 /// A place on a light.
 #[derive(Clone, Copy, Debug)]
-pub enum Spot {
+pub enum LightPoint {
     /// Area light number, and barycentric weights of its second and third corner (or (α, β) of a quad).
     Area(u32, glam::Vec2),
     /// Punctual light number.
@@ -191,7 +191,7 @@ impl Lights {
 
     /// Fraction of the aims that go to flashes.
     #[inline]
-    fn flash_share(&self, flash_burns: bool) -> f32 {
+    fn flash_probability(&self, flash_burns: bool) -> f32 {
         match (flash_burns && !self.flashes.is_empty(), self.tree_lights.is_empty() && self.infinite.is_empty()) {
             (false, _) => 0.0,
             (true, true) => 1.0,
@@ -200,7 +200,7 @@ impl Lights {
     }
 
     /// Probability of choosing among the finite lights at a point.
-    fn finite_share(&self, p: Vec3, n: Vec3) -> f32 {
+    fn finite_group_probability(&self, p: Vec3, n: Vec3) -> f32 {
         if self.tree_lights.is_empty() {
             return 0.0;
         }
@@ -216,7 +216,7 @@ impl Lights {
     /// `flash_burns`: whether one does at the moment. `None` where no light can contribute.
     #[inline]
     pub fn choose(&self, p: Vec3, n: Vec3, mut u: f32, flash_burns: bool) -> Option<(LightRef, f32)> {
-        let flash = self.flash_share(flash_burns);
+        let flash = self.flash_probability(flash_burns);
         if u < flash {
             let each = flash / self.flashes.len() as f32;
             return Some((self.flashes[((u / each) as usize).min(self.flashes.len() - 1)], each));
@@ -227,7 +227,7 @@ impl Lights {
     }
 
     fn choose_steady(&self, p: Vec3, n: Vec3, u: f32) -> Option<(LightRef, f32)> {
-        let fraction = self.finite_share(p, n);
+        let fraction = self.finite_group_probability(p, n);
         if u < fraction {
             let (leaf, probability) = self.tree.choose(p, n, u / fraction)?;
             return Some((self.tree_lights[leaf], probability * fraction));
@@ -249,10 +249,10 @@ impl Lights {
     /// Probability with which [`Lights::choose`] finds an area light, by its number, from a point (m). Panics on a number that is no area light's.
     #[inline]
     pub fn area_probability(&self, p: Vec3, n: Vec3, light: u32, flash_burns: bool) -> f32 {
-        let flash = self.flash_share(flash_burns);
+        let flash = self.flash_probability(flash_burns);
         match self.area_leaf[light as usize] {
             NOWHERE => flash / self.flashes.len() as f32,
-            leaf => (1.0 - flash) * self.finite_share(p, n) * self.tree.probability(p, n, leaf),
+            leaf => (1.0 - flash) * self.finite_group_probability(p, n) * self.tree.probability(p, n, leaf),
         }
     }
 
@@ -260,10 +260,10 @@ impl Lights {
     #[inline]
     pub(crate) fn finite_probability(&self, p: Vec3, light: LightRef, flash_burns: bool) -> f32 {
         let leaf = self.leaf(light);
-        let flash = self.flash_share(flash_burns);
+        let flash = self.flash_probability(flash_burns);
         match leaf {
             NOWHERE => flash / self.flashes.len().max(1) as f32,
-            leaf => (1.0 - flash) * self.finite_share(p, Vec3::ZERO) * self.tree.probability(p, Vec3::ZERO, leaf),
+            leaf => (1.0 - flash) * self.finite_group_probability(p, Vec3::ZERO) * self.tree.probability(p, Vec3::ZERO, leaf),
         }
     }
 
@@ -272,7 +272,7 @@ impl Lights {
     pub(crate) fn finite_light_probability(&self, p: Vec3, n: Vec3, light: LightRef) -> f32 {
         match self.leaf(light) {
             NOWHERE => 0.0,
-            leaf => self.finite_share(p, n) * self.tree.probability(p, n, leaf),
+            leaf => self.finite_group_probability(p, n) * self.tree.probability(p, n, leaf),
         }
     }
 
@@ -288,7 +288,7 @@ impl Lights {
 
     /// Fraction of the choices along a segment that go to flashes.
     #[inline]
-    fn flash_share_along(&self, flash_burns: bool) -> f32 {
+    fn flash_probability_along(&self, flash_burns: bool) -> f32 {
         match flash_burns && !self.flashes.is_empty() {
             false => 0.0,
             true if self.tree_lights.is_empty() => 1.0,
@@ -300,7 +300,7 @@ impl Lights {
     /// flash may be at infinity nevertheless: it has no [`Pivot`].)
     #[inline]
     pub(crate) fn choose_along(&self, segment: &Segment, u: f32, flash_burns: bool) -> Option<(LightRef, f32)> {
-        let flash = self.flash_share_along(flash_burns);
+        let flash = self.flash_probability_along(flash_burns);
         if u < flash {
             let each = flash / self.flashes.len() as f32;
             return Some((self.flashes[((u / each) as usize).min(self.flashes.len() - 1)], each));
@@ -315,7 +315,7 @@ impl Lights {
     /// Probability with which [`Lights::choose_along`] finds a light that is not at infinity.
     #[inline]
     pub(crate) fn probability_along(&self, segment: &Segment, light: LightRef, flash_burns: bool) -> f32 {
-        let flash = self.flash_share_along(flash_burns);
+        let flash = self.flash_probability_along(flash_burns);
         match self.leaf(light) {
             NOWHERE => flash / self.flashes.len().max(1) as f32,
             leaf => (1.0 - flash) * self.tree.probability_along(segment, leaf),
@@ -351,7 +351,8 @@ impl Lights {
         if self.infinite_total <= 0.0 {
             return 0.0;
         }
-        (1.0 - self.flash_share(flash_burns)) * (1.0 - self.finite_share(p, n)) * importance / self.infinite_total
+        (1.0 - self.flash_probability(flash_burns)) * (1.0 - self.finite_group_probability(p, n)) * importance
+            / self.infinite_total
     }
 
     /// Numbers and radiance of the discs at infinity in a direction; each with the density with which it would have been sampled, the choice of light
@@ -360,9 +361,9 @@ impl Lights {
         &self,
         direction: Vec3,
         from: Option<(Vec3, Vec3)>,
-        wavelengths: &diopter_light::Wavelengths,
+        wavelengths: &diopter_light::SampledWavelengths,
         flash_burns: bool,
-    ) -> impl Iterator<Item = (u32, Sampled, f32)> {
+    ) -> impl Iterator<Item = (u32, SampledSpectrum, f32)> {
         self.discs.iter().filter_map(move |i| {
             let (radiance, density) = self.punctual[*i as usize].disc(direction, wavelengths)?;
             let chosen = from.map_or(0.0, |(p, n)| self.infinite_light_probability(p, n, LightRef::Punctual(*i), flash_burns));
@@ -387,15 +388,15 @@ impl Lights {
         &self,
         light_sample: &LightSample,
         materials: &[crate::material::Material],
-        wavelengths: &diopter_light::Wavelengths,
-    ) -> Sampled {
+        wavelengths: &diopter_light::SampledWavelengths,
+    ) -> SampledSpectrum {
         match light_sample.spot {
-            Spot::Area(i, place) => self.area[i as usize].radiance(place, materials, wavelengths),
-            Spot::Punctual(i) => self.punctual[i as usize].incident_radiance(light_sample, wavelengths),
-            Spot::Environment(place) => self
+            LightPoint::Area(i, place) => self.area[i as usize].radiance(place, materials, wavelengths),
+            LightPoint::Punctual(i) => self.punctual[i as usize].incident_radiance(light_sample, wavelengths),
+            LightPoint::Environment(place) => self
                 .environment
                 .as_ref()
-                .map_or(Sampled::ZERO, |e| diopter_light::Spectrum::light_from_rgb(e.rgb_at(place)).sample(wavelengths)),
+                .map_or(SampledSpectrum::ZERO, |e| diopter_light::Spectrum::light_from_rgb(e.rgb_at(place)).sample(wavelengths)),
         }
     }
 }

@@ -1,11 +1,11 @@
 //! Lights without extent (glTF's KHR_lights_punctual), and discs at infinity such as the sun.
 
-use super::{LightSample, Modulation, Spot, photometry::Web, segment::Pivot, tree::LightBounds};
+use super::{LightPoint, LightSample, Modulation, photometry::Web, segment::Pivot, tree::LightBounds};
 use crate::bvh::Bounds;
 use diopter_image::Raster;
 use diopter_light::color::SRGB_LUMINANCE;
 use diopter_light::upsample::Sigmoid;
-use diopter_light::{Sampled, Spectrum, Wavelengths, sampling};
+use diopter_light::{SampledSpectrum, SampledWavelengths, Spectrum, sampling};
 use glam::{Affine3A, Mat3, Vec3};
 use std::f32::consts::{PI, TAU};
 use std::sync::Arc;
@@ -172,7 +172,7 @@ impl PunctualKind {
     }
 
     /// Intensity of a spot in a direction over that of its middle; 1 of other lights.
-    fn spot_share(self, light_direction: Vec3) -> f32 {
+    fn spot_falloff(self, light_direction: Vec3) -> f32 {
         let PunctualKind::Spot { direction, cos_inner, cos_outer, edge, .. } = self else { return 1.0 };
         // KHR_lights_punctual, "Inner and Outer Cone Angles": squared linear ramp in the cosine.
         let cos = direction.dot(light_direction);
@@ -188,7 +188,14 @@ impl PunctualKind {
             PunctualKind::Disc { direction, half_angle } => {
                 let wi = within_disc(-direction, half_angle, u);
                 let (distance, pdf) = (f32::INFINITY, disc_density(half_angle));
-                return Some(LightSample { wi, distance, pdf, has_extent: true, spot: Spot::Punctual(number), clearance: 0.0 });
+                return Some(LightSample {
+                    wi,
+                    distance,
+                    pdf,
+                    has_extent: true,
+                    spot: LightPoint::Punctual(number),
+                    clearance: 0.0,
+                });
             }
             PunctualKind::Directional { direction } => (-direction, f32::INFINITY),
             PunctualKind::Point { position } | PunctualKind::Spot { position, .. } => {
@@ -201,7 +208,7 @@ impl PunctualKind {
             }
         };
         let clearance = if distance.is_finite() { super::clearance(p, p + wi * distance, distance, 1.0) } else { 0.0 };
-        Some(LightSample { wi, distance, pdf: 1.0, has_extent: false, spot: Spot::Punctual(number), clearance })
+        Some(LightSample { wi, distance, pdf: 1.0, has_extent: false, spot: LightPoint::Punctual(number), clearance })
     }
 }
 
@@ -261,7 +268,7 @@ impl Punctual {
     }
 
     /// Radiance of a disc seen in a direction, and the density of [`Punctual::sample_li`] for that; `None` beside it, or for other lights.
-    pub(crate) fn disc(&self, direction: Vec3, wavelengths: &Wavelengths) -> Option<(Sampled, f32)> {
+    pub(crate) fn disc(&self, direction: Vec3, wavelengths: &SampledWavelengths) -> Option<(SampledSpectrum, f32)> {
         match self.kind {
             PunctualKind::Disc { direction: d, half_angle } if half_sine2(direction, -d) <= (0.5 * half_angle).sin().powi(2) => {
                 Some((self.power.sample_light(wavelengths) / disc_sr(half_angle), disc_density(half_angle)))
@@ -271,7 +278,7 @@ impl Punctual {
     }
 
     /// Irradiance on a plane facing the light; of a disc, its radiance.
-    pub(crate) fn incident_radiance(&self, light_sample: &LightSample, wavelengths: &Wavelengths) -> Sampled {
+    pub(crate) fn incident_radiance(&self, light_sample: &LightSample, wavelengths: &SampledWavelengths) -> SampledSpectrum {
         self.incident_radiance_from(self.kind, -light_sample.wi, light_sample, wavelengths)
     }
 
@@ -281,8 +288,8 @@ impl Punctual {
         &self,
         place: &Affine3A,
         light_sample: &LightSample,
-        wavelengths: &Wavelengths,
-    ) -> Sampled {
+        wavelengths: &SampledWavelengths,
+    ) -> SampledSpectrum {
         let own = match self.pattern {
             Some(_) => Mat3::from(place.matrix3).inverse() * -light_sample.wi,
             None => -light_sample.wi,
@@ -296,8 +303,8 @@ impl Punctual {
         kind: PunctualKind,
         own: Vec3,
         light_sample: &LightSample,
-        wavelengths: &Wavelengths,
-    ) -> Sampled {
+        wavelengths: &SampledWavelengths,
+    ) -> SampledSpectrum {
         let power = self.power.sample_light(wavelengths);
         match kind {
             PunctualKind::Directional { .. } => power,
@@ -310,31 +317,36 @@ impl Punctual {
                 power / (light_sample.distance * light_sample.distance)
             }
             PunctualKind::Spot { .. } => {
-                power * (kind.spot_share(-light_sample.wi) / (light_sample.distance * light_sample.distance))
+                power * (kind.spot_falloff(-light_sample.wi) / (light_sample.distance * light_sample.distance))
             }
         }
     }
 
     /// Intensity of a point or spot in a direction of the world over its power, its space placed in the world or not; 1 of other lights.
-    pub(crate) fn relative_intensity(&self, place: Option<&Affine3A>, direction: Vec3, wavelengths: &Wavelengths) -> Sampled {
+    pub(crate) fn relative_intensity(
+        &self,
+        place: Option<&Affine3A>,
+        direction: Vec3,
+        wavelengths: &SampledWavelengths,
+    ) -> SampledSpectrum {
         let kind = place.map_or(self.kind, |p| self.kind.placed(p));
         match (kind, &self.pattern) {
             (PunctualKind::Point { .. }, Some(pattern)) => {
                 let own = place.map_or(direction, |p| Mat3::from(p.matrix3).inverse() * direction);
                 tint(pattern.at(own), wavelengths)
             }
-            _ => Sampled::splat(kind.spot_share(direction)),
+            _ => SampledSpectrum::splat(kind.spot_falloff(direction)),
         }
     }
 }
 
 /// A colour of any brightness as a factor on light.
-fn tint(rgb: Vec3, wavelengths: &Wavelengths) -> Sampled {
+fn tint(rgb: Vec3, wavelengths: &SampledWavelengths) -> SampledSpectrum {
     if wavelengths.is_rgb() {
-        return Wavelengths::lanes(rgb);
+        return SampledWavelengths::lanes(rgb);
     }
     let scale = 2.0 * rgb.max_element();
-    if scale > 0.0 { Sigmoid::from_rgb(rgb / scale).sample(wavelengths) * scale } else { Sampled::ZERO }
+    if scale > 0.0 { Sigmoid::from_rgb(rgb / scale).sample(wavelengths) * scale } else { SampledSpectrum::ZERO }
 }
 
 /// Projected solid angle of a disc on a plane that faces it: what its radiance is to its irradiance.
@@ -379,7 +391,7 @@ mod tests {
             PunctualKind::Directional { direction },
             PunctualKind::Disc { direction, half_angle: 0.1 },
         ];
-        let wavelengths = Wavelengths::fixed([450.0, 520.0, 590.0, 660.0]);
+        let wavelengths = SampledWavelengths::fixed([450.0, 520.0, 590.0, 660.0]);
         let mut seen = Vec::new();
         for kind in kinds {
             let mut light = Punctual::new("lamp", Spectrum::Constant(3.0), kind);

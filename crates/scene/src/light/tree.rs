@@ -217,7 +217,7 @@ impl Tree {
 
     /// Probability of the first child of an inner node.
     #[inline]
-    fn first_share(&self, node: u32, importance: impl Fn(&LightBounds) -> f32) -> Option<f32> {
+    fn first_child_probability(&self, node: u32, importance: impl Fn(&LightBounds) -> f32) -> Option<f32> {
         let a = importance(&self.nodes[node as usize + 1].lights);
         let b = importance(&self.nodes[self.nodes[node as usize].second as usize].lights);
         (a + b > 0.0).then(|| a / (a + b))
@@ -242,7 +242,7 @@ impl Tree {
             if here.second == 0 {
                 return Some((here.light as usize, probability));
             }
-            let fraction = self.first_share(node, importance)?;
+            let fraction = self.first_child_probability(node, importance)?;
             if u < fraction {
                 u /= fraction;
                 probability *= fraction;
@@ -271,7 +271,7 @@ impl Tree {
         let mut node = leaf;
         while self.nodes[node as usize].parent != u32::MAX {
             let parent = self.nodes[node as usize].parent;
-            let Some(fraction) = self.first_share(parent, importance) else { return 0.0 };
+            let Some(fraction) = self.first_child_probability(parent, importance) else { return 0.0 };
             probability *= if node == parent + 1 { fraction } else { 1.0 - fraction };
             node = parent;
         }

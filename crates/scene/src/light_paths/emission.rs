@@ -13,9 +13,9 @@ use crate::medium::Air;
 use crate::medium_stack::MediumStack;
 use crate::scene::Scene;
 use crate::shape::offset_origin;
-use diopter_light::random::{Sampler, Set};
+use diopter_light::random::{Dimensions, Sampler};
 use diopter_light::sampling::Discrete;
-use diopter_light::{Ray, Sampled, Spectrum, Wavelengths};
+use diopter_light::{Ray, SampledSpectrum, SampledWavelengths, Spectrum};
 use glam::Vec3;
 
 /// Solid angle (sr) up to which lamps are left to photons where lamps are chosen by the scene: of larger ones chance finds more than one path in
@@ -53,7 +53,7 @@ enum Source {
 
 impl Lamp<'_> {
     /// Its spectrum at the wavelengths of a path, at a moment.
-    pub fn spectrum(&self, scene: &Scene, wavelengths: &Wavelengths, time_s: f32) -> Sampled {
+    pub fn spectrum(&self, scene: &Scene, wavelengths: &SampledWavelengths, time_s: f32) -> SampledSpectrum {
         let steady = match self.carrier {
             Some(spectrum) => spectrum.sample_light(wavelengths),
             None => wavelengths.d65_one_nit(),
@@ -63,16 +63,16 @@ impl Lamp<'_> {
 }
 
 /// A photon that leaves its lamp.
-pub(super) struct Start {
+pub(super) struct EmittedPhoton {
     pub ray: Ray,
     pub lamp: u32,
     /// Power over the lamp's spectrum and over the density of the ray.
-    pub relative: Sampled,
+    pub relative: SampledSpectrum,
     pub medium_stack: MediumStack,
 }
 
 /// All lamps whose caustics are made by photons.
-pub(super) struct Emission<'a> {
+pub(super) struct PhotonEmission<'a> {
     scene: &'a Scene,
     pub casters: Casters,
     pub lamps: Vec<Lamp<'a>>,
@@ -85,7 +85,7 @@ pub(super) struct Emission<'a> {
     span_s: f32,
 }
 
-impl<'a> Emission<'a> {
+impl<'a> PhotonEmission<'a> {
     /// Whether some lamps have no extent.
     pub fn has_delta_lamps(&self) -> bool {
         self.lamps.iter().any(|l| l.is_delta)
@@ -154,7 +154,7 @@ impl<'a> Emission<'a> {
                 modulation: emission.modulation,
                 window: window(&emission.modulation),
                 is_delta: false,
-                medium_stack: bodies_at(scene, surface, normal, around),
+                medium_stack: medium_stack_at(scene, surface, normal, around),
             });
         }
         for (i, light) in lights.punctual.iter().enumerate().filter(|(i, _)| punctual[*i]) {
@@ -162,7 +162,7 @@ impl<'a> Emission<'a> {
             let (flux, medium_stack) = match kind {
                 PunctualKind::Directional { .. } | PunctualKind::Disc { .. } => (casters.cross_section(), MediumStack::default()),
                 PunctualKind::Point { position } | PunctualKind::Spot { position, .. } => {
-                    (casters.seen_from(position, facing(kind)), bodies_at(scene, position, Vec3::Y, around))
+                    (casters.seen_from(position, facing(kind)), medium_stack_at(scene, position, Vec3::Y, around))
                 }
             };
             let picture = light.pattern.as_ref().map_or(1.0, |p| p.mean());
@@ -182,7 +182,7 @@ impl<'a> Emission<'a> {
         chances.iter_mut().for_each(|c| *c = if c.is_finite() { c.max(0.0) } else { 0.0 });
         let least = LEAST_CHANCE * chances.iter().sum::<f32>() / chances.len() as f32;
         chances.iter_mut().for_each(|c| *c = c.max(least));
-        Some(Emission { scene, casters, lamps, choice: Discrete::new(&chances), area, punctual, around, span_s })
+        Some(PhotonEmission { scene, casters, lamps, choice: Discrete::new(&chances), area, punctual, around, span_s })
     }
 
     /// Whether photons stand for the caustics of an area light.
@@ -198,9 +198,9 @@ impl<'a> Emission<'a> {
     }
 
     /// The photon that belongs to the numbers of a sampler; `None` where nothing is sent out.
-    pub fn start(&self, sampler: &Sampler, wavelengths: &Wavelengths) -> Option<Start> {
-        let [_, t, choose_lamp, choose_piece] = sampler.get(Set::Time);
-        let [a, b, c, d] = sampler.get(Set::Camera);
+    pub fn start(&self, sampler: &Sampler, wavelengths: &SampledWavelengths) -> Option<EmittedPhoton> {
+        let [_, t, choose_lamp, choose_piece] = sampler.get(Dimensions::Time);
+        let [a, b, c, d] = sampler.get(Dimensions::Camera);
         let (number, _) = self.choice.sample(choose_lamp);
         let chance = self.choice.probability(number);
         let lamp = &self.lamps[number];
@@ -213,18 +213,23 @@ impl<'a> Emission<'a> {
         let relative = relative / chance;
         let ray = Ray { origin, direction, time_s };
         let bright = relative.max_element() > 0.0 && relative.is_finite();
-        (bright && ray.is_finite()).then_some(Start { ray, lamp: number as u32, relative, medium_stack: lamp.medium_stack })
+        (bright && ray.is_finite()).then_some(EmittedPhoton {
+            ray,
+            lamp: number as u32,
+            relative,
+            medium_stack: lamp.medium_stack,
+        })
     }
 
     fn of_area(
         &self,
         light: u32,
         time_s: f32,
-        wavelengths: &Wavelengths,
+        wavelengths: &SampledWavelengths,
         place: [f32; 2],
         choice: f32,
         u: [f32; 2],
-    ) -> Option<(Vec3, Vec3, Sampled)> {
+    ) -> Option<(Vec3, Vec3, SampledSpectrum)> {
         let light = self.scene.area_light_at(light, time_s);
         let (point, normal, place) = light.sample_surface(place);
         let facing = if light.two_sided { Facing::Both(normal) } else { Facing::Side(normal) };
@@ -243,12 +248,12 @@ impl<'a> Emission<'a> {
         &self,
         number: u32,
         time_s: f32,
-        wavelengths: &Wavelengths,
+        wavelengths: &SampledWavelengths,
         place: [f32; 2],
         choice: f32,
         u: [f32; 2],
         sampler: &Sampler,
-    ) -> Option<(Vec3, Vec3, Sampled)> {
+    ) -> Option<(Vec3, Vec3, SampledSpectrum)> {
         let light = &self.scene.lights().punctual[number as usize];
         let node = self.scene.punctual_place(number, time_s);
         let kind = node.map_or(light.kind, |p| light.kind.placed(&p));
@@ -272,10 +277,10 @@ impl<'a> Emission<'a> {
             Some(Air { medium, bounds: None }) => {
                 // From infinity to where the photon begins.
                 let back = Ray { origin, direction: -direction, time_s };
-                let mut stream = sampler.stream(Set::Transmittance(0));
+                let mut stream = sampler.stream(Dimensions::Transmittance(0));
                 medium.transmittance(&back, [0.0, f32::INFINITY], wavelengths, self.scene.moment_s(time_s), || &mut stream)
             }
-            _ => Sampled::ONE,
+            _ => SampledSpectrum::ONE,
         };
         Some((origin, direction, left * (power / pdf)))
     }
@@ -294,16 +299,16 @@ fn facing(kind: PunctualKind) -> Facing {
 }
 
 /// Most faces that are looked at between the outside and a lamp.
-const MOST_FACES: u32 = 4096;
+const MAX_INTERFACES: u32 = 4096;
 
 /// The bodies that a point of a lamp stands in: those that are entered and not left on a straight line from outside everything to the side
 /// of the point that `normal` shows.
-pub(super) fn bodies_at(scene: &Scene, point: Vec3, normal: Vec3, (middle, radius): (Vec3, f32)) -> MediumStack {
+pub(super) fn medium_stack_at(scene: &Scene, point: Vec3, normal: Vec3, (middle, radius): (Vec3, f32)) -> MediumStack {
     let mut medium_stack = MediumStack::default();
     let end = offset_origin(point, normal);
     let direction = -normal;
     let mut origin = end + normal * ((middle - end).dot(normal).max(0.0) + 2.0 * radius);
-    for _ in 0..MOST_FACES {
+    for _ in 0..MAX_INTERFACES {
         let left = (end - origin).dot(direction);
         if left <= 0.0 {
             break;

@@ -3,13 +3,13 @@
 use super::photon::Photon;
 use super::trace::Traced;
 use super::volume_map::VolumeMap;
-use super::{Caustics, Tail};
+use super::{CausticSuffix, Caustics};
 use crate::bvh::Bounds;
 use crate::material::Bsdf;
 use crate::medium::{Medium, phase};
 use crate::shape::Surface;
 use diopter_light::random::mix;
-use diopter_light::{Ray, Sampled, Wavelengths};
+use diopter_light::{Ray, SampledSpectrum, SampledWavelengths};
 use glam::{IVec3, Vec3};
 use std::f32::consts::PI;
 use std::ops::Range;
@@ -69,7 +69,7 @@ impl<'a> PhotonMap<'a> {
     }
 
     /// What photons send out at their wavelengths, W·nm⁻¹ at the wavelengths of a path, altogether: for tests of energy.
-    pub fn power(&self, wavelengths: &Wavelengths) -> Sampled {
+    pub fn power(&self, wavelengths: &SampledWavelengths) -> SampledSpectrum {
         let (scene, lamps) = (self.caustics.scene, &self.caustics.emission.lamps);
         let one = |p: &Photon| p.at(wavelengths) * lamps[p.lamp as usize].spectrum(scene, wavelengths, p.time_s);
         self.grid.photons.iter().map(one).sum()
@@ -84,11 +84,11 @@ impl<'a> PhotonMap<'a> {
         &self,
         surface: &Surface,
         bsdf: &Bsdf,
-        wavelengths: &Wavelengths,
+        wavelengths: &SampledWavelengths,
         time_s: f32,
         most_events: u32,
-    ) -> Sampled {
-        let mut sum = Sampled::ZERO;
+    ) -> SampledSpectrum {
+        let mut sum = SampledSpectrum::ZERO;
         let crowd = self.grid.count(surface.point, self.radius);
         if crowd == 0 {
             return sum;
@@ -96,7 +96,7 @@ impl<'a> PhotonMap<'a> {
         let radius = self.radius * (CROWD as f32 / crowd.max(CROWD) as f32).sqrt();
         let (r2, ng) = (radius * radius, surface.ng);
         let (scene, lamps) = (self.caustics.scene, &self.caustics.emission.lamps);
-        let mut last: Option<(u32, Sampled)> = None;
+        let mut last: Option<(u32, SampledSpectrum)> = None;
         self.grid.around(surface.point, radius, |photon| {
             let offset = photon.point - surface.point;
             let (d2, height) = (offset.length_squared(), offset.dot(ng));
@@ -114,7 +114,7 @@ impl<'a> PhotonMap<'a> {
                 true => bsdf.eval(wi).0,
                 false => bsdf.eval_broad(wi, BROAD_ALPHA),
             };
-            if f == Sampled::ZERO {
+            if f == SampledSpectrum::ZERO {
                 return;
             }
             let spectrum = match last {
@@ -141,14 +141,14 @@ impl<'a> PhotonMap<'a> {
         ray: &Ray,
         span: [f32; 2],
         medium: &Medium,
-        wavelengths: &Wavelengths,
+        wavelengths: &SampledWavelengths,
         most_events: u32,
-    ) -> Sampled {
-        let mut sum = Sampled::ZERO;
+    ) -> SampledSpectrum {
+        let mut sum = SampledSpectrum::ZERO;
         let (scene, lamps) = (self.caustics.scene, &self.caustics.emission.lamps);
         let sigma = medium.at(wavelengths);
         let r2 = self.in_media.radius() * self.in_media.radius();
-        let mut last: Option<(u32, Sampled)> = None;
+        let mut last: Option<(u32, SampledSpectrum)> = None;
         self.in_media.along(ray, span, |p, t, d2| {
             let photon = &p.photon;
             if !std::ptr::eq(p.medium, medium) || u32::from(photon.events) > most_events {
@@ -184,17 +184,17 @@ impl<'a> PhotonMap<'a> {
 
     /// Fraction of what an area light shows that a camera path still counts where it meets it.
     #[inline]
-    pub(crate) fn left_of_area(&self, tail: &Tail, light: Option<u32>) -> Sampled {
+    pub(crate) fn area_emission_fraction(&self, suffix: &CausticSuffix, light: Option<u32>) -> SampledSpectrum {
         match light {
-            Some(light) if self.caustics.emission.has_area(light) => tail.left(),
-            _ => Sampled::ONE,
+            Some(light) if self.caustics.emission.has_area(light) => suffix.left(),
+            _ => SampledSpectrum::ONE,
         }
     }
 
     /// The same of a punctual light.
     #[inline]
-    pub(crate) fn left_of_punctual(&self, tail: &Tail, light: u32) -> Sampled {
-        if self.caustics.emission.has_punctual(light) { tail.left() } else { Sampled::ONE }
+    pub(crate) fn punctual_emission_fraction(&self, suffix: &CausticSuffix, light: u32) -> SampledSpectrum {
+        if self.caustics.emission.has_punctual(light) { suffix.left() } else { SampledSpectrum::ONE }
     }
 
     /// Whether an object throws caustics.

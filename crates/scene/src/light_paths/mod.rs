@@ -46,26 +46,26 @@
 mod can_connect;
 mod casters;
 pub(crate) mod connect;
+mod directional;
 mod emission;
 mod map;
-mod parallel;
 mod photon;
 mod trace;
 mod vertices;
 mod volume_map;
 
+pub use directional::CameraRays;
 pub use map::PhotonMap;
-pub use parallel::CameraRays;
 pub use vertices::{Connections, LightVertices};
 
 use crate::bvh::Bounds;
 use crate::material::Bsdf;
 use crate::medium::Medium;
 use crate::scene::Scene;
-use diopter_light::Sampled;
-use diopter_light::random::{Sampler, SamplerKind, Set};
+use diopter_light::SampledSpectrum;
+use diopter_light::random::{Dimensions, Sampler, SamplerKind};
 use diopter_light::wavelength::WavelengthSampler;
-use emission::Emission;
+use emission::PhotonEmission;
 use glam::Vec3;
 use map::BROAD_ALPHA;
 use rayon::prelude::*;
@@ -148,7 +148,7 @@ const TIME_REACH: f32 = 0.25;
 /// What throws caustics in a scene, and by which lamps: makes maps of photons.
 pub struct Caustics<'a> {
     scene: &'a Scene,
-    emission: Emission<'a>,
+    emission: PhotonEmission<'a>,
     settings: CausticSettings,
     wavelengths: WavelengthSampler,
     /// Of the first map on surfaces, and in media, m.
@@ -159,7 +159,7 @@ impl<'a> Caustics<'a> {
     /// Looks for caustics in a scene, which must be posed for the exposure. `None` where the path tracer does as well: without smooth bodies of glass or
     /// metal, without lamps for them, or where hardly a photon lands.
     pub fn new(scene: &'a Scene, settings: CausticSettings) -> Option<Caustics<'a>> {
-        let emission = Emission::new(scene, &settings)?;
+        let emission = PhotonEmission::new(scene, &settings)?;
         let wavelengths = if settings.rgb { WavelengthSampler::rgb() } else { WavelengthSampler::uniform() };
         let mut caustics = Caustics { scene, emission, settings, wavelengths, first_radii: [0.0; 2] };
         let Traced { landed, in_media } = caustics.photons(PILOT_MAP, 0, PILOT);
@@ -214,7 +214,7 @@ impl<'a> Caustics<'a> {
                 let mut traced = Traced::default();
                 for photon in chunk * CHUNK..((chunk + 1) * CHUNK).min(count) {
                     let sampler = Sampler::new(SamplerKind::Sobol, seed, (map, 0), 2 * photon + (replicate & 1), 2 * count);
-                    let wavelengths = self.wavelengths.sample(sampler.get(Set::Time)[0]);
+                    let wavelengths = self.wavelengths.sample(sampler.get(Dimensions::Time)[0]);
                     let depth = self.settings.max_depth;
                     trace::trace(&self.emission, self.scene, &sampler, &wavelengths, depth, scale, &mut traced);
                 }
@@ -270,37 +270,37 @@ fn density(points: &[Vec3]) -> f32 {
     }
 }
 
-/// What a camera path still counts where it meets a lamp that photons are emitted from: the end of the path, towards the lamp.
+/// Suffix of a camera path since its last event that is not specular: it decides whether photons or a scattered ray bring the light of a lamp.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Tail {
+pub(crate) struct CausticSuffix {
     /// What chance hits count after the last event that was not specular, where photons are gathered; `None` from the camera or another medium on, and after
     /// specular events that photons do not have.
-    scattered: Option<Sampled>,
+    scattered: Option<SampledSpectrum>,
     /// Whether a caster bent the path since.
     is_bent: bool,
 }
 
-impl Tail {
+impl CausticSuffix {
     /// The path was scattered along `wi` by a lobe that is not specular.
     #[inline]
     pub fn scatter(&mut self, bsdf: &Bsdf, wi: Vec3) {
         let breadth = bsdf.breadth(BROAD_ALPHA);
         let left = match (breadth.broad, breadth.narrow) {
-            (_, false) => Sampled::ZERO,
-            (false, true) => Sampled::ONE,
+            (_, false) => SampledSpectrum::ZERO,
+            (false, true) => SampledSpectrum::ONE,
             (true, true) => {
                 let (whole, broad) = (bsdf.eval(wi).0, bsdf.eval_broad(wi, BROAD_ALPHA));
                 let fraction = |k: usize| if whole[k] > 0.0 { (1.0 - broad[k] / whole[k]).clamp(0.0, 1.0) } else { 1.0 };
-                Sampled::new(fraction(0), fraction(1), fraction(2), fraction(3))
+                SampledSpectrum::new(fraction(0), fraction(1), fraction(2), fraction(3))
             }
         };
-        *self = Tail { scattered: Some(left), is_bent: false };
+        *self = CausticSuffix { scattered: Some(left), is_bent: false };
     }
 
     /// The path was scattered in a medium.
     #[inline]
     pub fn scatter_in(&mut self, medium: &Medium) {
-        *self = Tail { scattered: medium.scatters_homogeneously().then_some(Sampled::ZERO), is_bent: false };
+        *self = CausticSuffix { scattered: medium.scatters_homogeneously().then_some(SampledSpectrum::ZERO), is_bent: false };
     }
 
     /// The path went on by a specular event that is no straight passage through a thin sheet.
@@ -308,13 +308,13 @@ impl Tail {
     pub fn bend(&mut self, by_caster: bool) {
         match by_caster {
             true => self.is_bent = true,
-            false => *self = Tail::default(),
+            false => *self = CausticSuffix::default(),
         }
     }
 
     /// Fraction of what it meets that still counts.
     #[inline]
-    fn left(&self) -> Sampled {
-        self.scattered.filter(|_| self.is_bent).unwrap_or(Sampled::ONE)
+    fn left(&self) -> SampledSpectrum {
+        self.scattered.filter(|_| self.is_bent).unwrap_or(SampledSpectrum::ONE)
     }
 }

@@ -1,8 +1,8 @@
-//! Photons, as they are kept: where they landed, and their power at the wavelengths of camera paths.
+//! Stored photons: position, and power at the wavelengths of camera paths.
 
 use crate::medium::Medium;
 use diopter_light::wavelength::{FIRST_NM, LAST_NM};
-use diopter_light::{Sampled, Wavelengths};
+use diopter_light::{SampledSpectrum, SampledWavelengths};
 use glam::{Vec2, Vec3};
 
 /// A photon that has landed.
@@ -24,12 +24,12 @@ pub(super) struct Photon {
     pub lamp: u32,
     /// Scattering events between the lamp and here.
     pub events: u16,
-    pub(super) spectrum: Lanes,
+    pub(super) spectrum: PhotonSpectrum,
 }
 
 /// What the four lanes of a photon are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Lanes {
+pub(super) enum PhotonSpectrum {
     /// Red, green, blue.
     Colors,
     /// Nearly the same at all wavelengths.
@@ -40,14 +40,14 @@ pub(super) enum Lanes {
     Hero,
 }
 
-impl Lanes {
+impl PhotonSpectrum {
     /// Of a power at wavelengths of which only the first counts where it is `dispersed`.
-    pub(super) fn of(wavelengths: &Wavelengths, dispersed: bool, power: Sampled) -> Lanes {
+    pub(super) fn of(wavelengths: &SampledWavelengths, dispersed: bool, power: SampledSpectrum) -> PhotonSpectrum {
         match (wavelengths.is_rgb(), dispersed) {
-            (true, _) => Lanes::Colors,
-            (false, true) => Lanes::Hero,
-            (false, false) if power.max_element() - power.min_element() <= EVEN * power.max_element() => Lanes::Even,
-            _ => Lanes::Different,
+            (true, _) => PhotonSpectrum::Colors,
+            (false, true) => PhotonSpectrum::Hero,
+            (false, false) if power.max_element() - power.min_element() <= EVEN * power.max_element() => PhotonSpectrum::Even,
+            _ => PhotonSpectrum::Different,
         }
     }
 }
@@ -68,7 +68,7 @@ impl Photon {
     #[cfg(test)]
     pub fn for_tests(point: Vec3) -> Photon {
         let up = packed(Vec3::Y);
-        let (relative, hero_nm, spectrum) = ([1.0; 4], FIRST_NM, Lanes::Even);
+        let (relative, hero_nm, spectrum) = ([1.0; 4], FIRST_NM, PhotonSpectrum::Even);
         Photon { point, from: up, normal: up, relative, hero_nm, time_s: 0.0, lamp: 0, events: 1, spectrum }
     }
 
@@ -87,20 +87,20 @@ impl Photon {
     /// Its power over the lamp's spectrum, per nm, at the wavelengths of a camera path: an estimate whose mean over the photon's own
     /// wavelengths is right where spectra are smooth.
     #[inline]
-    pub fn at(&self, wavelengths: &Wavelengths) -> Sampled {
-        let relative = Sampled::from_array(self.relative);
+    pub fn at(&self, wavelengths: &SampledWavelengths) -> SampledSpectrum {
+        let relative = SampledSpectrum::from_array(self.relative);
         match self.spectrum {
-            Lanes::Colors => relative,
-            Lanes::Even => Sampled::from_array(wavelengths.nm.to_array().map(|nm| self.between(nm))),
-            Lanes::Different => Sampled::from_array(wavelengths.nm.to_array().map(|nm| {
+            PhotonSpectrum::Colors => relative,
+            PhotonSpectrum::Even => SampledSpectrum::from_array(wavelengths.nm.to_array().map(|nm| self.between(nm))),
+            PhotonSpectrum::Different => SampledSpectrum::from_array(wavelengths.nm.to_array().map(|nm| {
                 let (nearest, nm_away) = self.nearest(nm);
                 relative[nearest] * kernel(nm, nm_away) * STEP_NM
             })),
             // The factor for the other three wavelengths is in the power already.
-            Lanes::Hero => {
+            PhotonSpectrum::Hero => {
                 relative.x
                     * STEP_NM
-                    * Sampled::from_array(wavelengths.nm.to_array().map(|nm| kernel(nm, (nm - self.hero_nm).abs())))
+                    * SampledSpectrum::from_array(wavelengths.nm.to_array().map(|nm| kernel(nm, (nm - self.hero_nm).abs())))
             }
         }
     }
@@ -172,7 +172,7 @@ mod tests {
     use super::*;
     use diopter_light::wavelength::WavelengthSampler;
 
-    fn photon(spectrum: Lanes, relative: impl Fn(f32) -> f32, w: &Wavelengths) -> Photon {
+    fn photon(spectrum: PhotonSpectrum, relative: impl Fn(f32) -> f32, w: &SampledWavelengths) -> Photon {
         let zero = packed(Vec3::Z);
         let relative = w.nm.to_array().map(relative);
         let hero_nm = w.nm.x;
@@ -193,16 +193,16 @@ mod tests {
     fn the_mean_over_a_photons_wavelengths_is_its_spectrum() {
         let smooth = |nm: f32| 1.0 + 0.3 * (nm / 60.0).sin();
         let line = |nm: f32| 1.0 + 0.0002 * (nm - 500.0);
-        let camera = Wavelengths::fixed([383.0, 470.0, 590.0, 779.0]);
+        let camera = SampledWavelengths::fixed([383.0, 470.0, 590.0, 779.0]);
         let uniform = WavelengthSampler::uniform();
         let n = 4000;
-        for spectrum in [Lanes::Even, Lanes::Different, Lanes::Hero] {
-            let truth = |nm: f32| if spectrum == Lanes::Even { line(nm) } else { smooth(nm) };
-            let mut sum = Sampled::ZERO;
+        for spectrum in [PhotonSpectrum::Even, PhotonSpectrum::Different, PhotonSpectrum::Hero] {
+            let truth = |nm: f32| if spectrum == PhotonSpectrum::Even { line(nm) } else { smooth(nm) };
+            let mut sum = SampledSpectrum::ZERO;
             for i in 0..n {
                 let w = uniform.sample((i as f32 + 0.5) / n as f32);
                 let mut p = photon(spectrum, truth, &w);
-                if spectrum == Lanes::Hero {
+                if spectrum == PhotonSpectrum::Hero {
                     p.relative = [4.0 * p.relative[0], 0.0, 0.0, 0.0];
                 }
                 sum += p.at(&camera) / n as f32;

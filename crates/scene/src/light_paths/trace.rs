@@ -1,14 +1,14 @@
 //! One photon from its lamp over mirrors and through glass, and what it leaves where it lands and in media on its way.
 
-use super::emission::{Emission, Start};
-use super::photon::{Lanes, Photon, VolumePhoton, packed};
+use super::emission::{EmittedPhoton, PhotonEmission};
+use super::photon::{Photon, PhotonSpectrum, VolumePhoton, packed};
 use crate::material::Scattering;
 use crate::medium::Medium;
-use crate::radiance::{MOST_FACES, origin_behind};
+use crate::radiance::{MAX_INTERFACES, origin_behind};
 use crate::russian_roulette::survives;
 use crate::scene::Scene;
-use diopter_light::random::{Sampler, Set};
-use diopter_light::{Ray, Sampled, Wavelengths};
+use diopter_light::random::{Dimensions, Sampler};
+use diopter_light::{Ray, SampledSpectrum, SampledWavelengths};
 
 /// Photons of some lamps, where they are after specular scattering by a caster.
 #[derive(Default)]
@@ -21,25 +21,25 @@ pub(super) struct Traced<'a> {
 
 /// Traces the photon that belongs to the numbers of a sampler, and adds it where it lands and on segments in media; `scale` multiplies its power.
 pub(super) fn trace<'a>(
-    emission: &Emission<'a>,
+    emission: &PhotonEmission<'a>,
     scene: &'a Scene,
     sampler: &Sampler,
-    wavelengths: &Wavelengths,
+    wavelengths: &SampledWavelengths,
     max_depth: u32,
     scale: f32,
     traced: &mut Traced<'a>,
 ) {
-    let Some(Start { mut ray, lamp, relative, mut medium_stack }) = emission.start(sampler, wavelengths) else { return };
+    let Some(EmittedPhoton { mut ray, lamp, relative, mut medium_stack }) = emission.start(sampler, wavelengths) else { return };
     let mut power = relative * scale;
     let (mut hero_only, mut dispersed) = (wavelengths.is_rgb(), false);
     let (mut events, mut is_caustic) = (0, false);
     let mut numbers = None;
-    for _ in 0..MOST_FACES {
+    for _ in 0..MAX_INTERFACES {
         let surface = scene.intersect(&ray, f32::INFINITY);
         let reach = surface.as_ref().map_or(f32::INFINITY, |s| s.t);
         if let Some((medium, span)) = medium_stack.span(scene, &ray, reach) {
             if is_caustic && medium.scatters_homogeneously() && events < max_depth {
-                let u = sampler.get(Set::Medium(events))[0];
+                let u = sampler.get(Dimensions::Medium(events))[0];
                 if let Some((distance, relative)) = on_segment(medium, span, power, wavelengths, u) {
                     let from = packed(-ray.direction);
                     let photon = Photon {
@@ -51,14 +51,14 @@ pub(super) fn trace<'a>(
                         time_s: ray.time_s,
                         lamp,
                         events: events.min(u32::from(u16::MAX)) as u16,
-                        spectrum: Lanes::of(wavelengths, dispersed, relative),
+                        spectrum: PhotonSpectrum::of(wavelengths, dispersed, relative),
                     };
                     traced.in_media.push(VolumePhoton { photon, medium });
                 }
             }
             // What is scattered on the way is no caustic any more.
             power *= medium.transmittance(&ray, span, wavelengths, scene.moment_s(ray.time_s), || {
-                numbers.get_or_insert_with(|| sampler.stream(Set::Tracking(0)))
+                numbers.get_or_insert_with(|| sampler.stream(Dimensions::Tracking(0)))
             });
         }
         let Some(surface) = surface else { return };
@@ -87,11 +87,11 @@ pub(super) fn trace<'a>(
                 time_s: ray.time_s,
                 lamp,
                 events: events.min(u32::from(u16::MAX)) as u16,
-                spectrum: Lanes::of(wavelengths, dispersed, power),
+                spectrum: PhotonSpectrum::of(wavelengths, dispersed, power),
             });
         }
         // Only specular events make caustics.
-        let u = sampler.get(Set::Scatter(events));
+        let u = sampler.get(Dimensions::Scatter(events));
         let Some(scatter) = bsdf.sample(u).filter(|s| s.specular) else { return };
         let is_straight = scatter.transmitted && bsdf.straight_through().is_some();
         if !is_straight && !emission.casters.casts(surface.object) {
@@ -125,13 +125,13 @@ pub(super) fn trace<'a>(
 fn on_segment(
     medium: &Medium,
     [near, far]: [f32; 2],
-    power: Sampled,
-    wavelengths: &Wavelengths,
+    power: SampledSpectrum,
+    wavelengths: &SampledWavelengths,
     u: f32,
-) -> Option<(f32, Sampled)> {
+) -> Option<(f32, SampledSpectrum)> {
     let sigma = medium.at(wavelengths);
     let total = power.element_sum();
-    if !(total > 0.0 && total.is_finite() && near < far) || sigma.scattering == Sampled::ZERO {
+    if !(total > 0.0 && total.is_finite() && near < far) || sigma.scattering == SampledSpectrum::ZERO {
         return None;
     }
     // Exponential up to the end, of the mean extinction.

@@ -20,7 +20,7 @@
 //!
 //! # Wavelengths
 //!
-//! Colours ([`diopter_light::Wavelengths::rgb`]) are the same for all paths. Of spectra a light path is computed again at the wavelengths of each camera
+//! Colours ([`diopter_light::SampledWavelengths::rgb`]) are the same for all paths. Of spectra a light path is computed again at the wavelengths of each camera
 //! path that connects to it ([`LightVertices::state_at`]): the same places, with scattering functions, densities and light of
 //! those wavelengths, over the densities by which the path was drawn. So there is no bias, and no wavelengths are joined.
 
@@ -31,18 +31,18 @@ pub(super) use self::weights::{Weights, squared};
 use self::weights::{State, next_state};
 use super::ConnectionSettings;
 use super::can_connect::can_connect;
-use super::emission::bodies_at;
-use super::parallel::{CameraRays, Parallel};
+use super::directional::{CameraRays, DirectionalEmission};
+use super::emission::medium_stack_at;
 use crate::light::{LightRef, Modulation, PunctualKind};
 use crate::material::{Material, Principled, Scattering};
 use crate::medium_stack::MediumStack;
 use crate::radiance::origin_behind;
 use crate::scene::Scene;
 use crate::shape::{Surface, offset_origin};
-use diopter_light::random::{Sampler, SamplerKind, Set};
+use diopter_light::random::{Dimensions, Sampler, SamplerKind};
 use diopter_light::sampling::{self, Discrete};
 use diopter_light::wavelength::WavelengthSampler;
-use diopter_light::{Ray, Sampled, Wavelengths};
+use diopter_light::{Ray, SampledSpectrum, SampledWavelengths};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::f32::consts::{FRAC_1_PI, PI, TAU};
@@ -86,14 +86,14 @@ pub struct Connections<'a> {
     /// Place of each punctual light among the lamps.
     punctual: Vec<Option<u32>>,
     /// By the numbers of the punctual lights: where light paths begin, of those at infinity.
-    parallel: Vec<Option<Parallel>>,
+    directional: Vec<Option<DirectionalEmission>>,
     /// κ: candidates of a camera vertex over vertices of a light path.
     kappa: f64,
 }
 
 /// Where and how a light path leaves its lamp.
 #[derive(Clone, Copy)]
-struct Start {
+struct LightLeSample {
     lamp: u32,
     point: Vec3,
     /// Of the lamp's surface; 0 of a point and at infinity.
@@ -111,11 +111,11 @@ struct Start {
 }
 
 /// The way of a light path from infinity to the first surface that is no smooth thin dielectric.
-struct WayIn {
+struct EntrySegment {
     ray: Ray,
     medium_stack: MediumStack,
     /// Transmittance of the thin dielectrics.
-    passed: Sampled,
+    passed: SampledSpectrum,
     count: u32,
 }
 
@@ -168,7 +168,7 @@ pub(super) struct LightVertex {
 /// A pool of light vertices: for samples of one replicate of a pass.
 pub struct LightVertices<'a> {
     pub(super) connections: &'a Connections<'a>,
-    starts: Vec<(Start, u32)>,
+    starts: Vec<(LightLeSample, u32)>,
     events: Vec<Event<'a>>,
     pub(super) candidates: Vec<Candidate>,
     /// In the order of the candidates.
@@ -180,7 +180,7 @@ pub struct LightVertices<'a> {
 /// What some light paths leave.
 #[derive(Default)]
 struct Traced<'a> {
-    starts: Vec<(Start, u32)>,
+    starts: Vec<(LightLeSample, u32)>,
     events: Vec<Event<'a>>,
     candidates: Vec<Candidate>,
     vertices: Vec<LightVertex>,
@@ -208,7 +208,7 @@ impl<'a> Connections<'a> {
                 None => (light.sample_surface([0.0, 0.0]).0, Vec3::Z),
             };
             let modulation = materials[light.material as usize].modulation();
-            let medium_stack = bodies_at(scene, surface, normal, around);
+            let medium_stack = medium_stack_at(scene, surface, normal, around);
             lamps.push(Lamp { light: LightRef::Area(i as u32), photometric: light.luminance, modulation, medium_stack });
         }
         let mut punctual = vec![None; lights.punctual.len()];
@@ -221,18 +221,18 @@ impl<'a> Connections<'a> {
             punctual[i] = Some(lamps.len() as u32);
             let photometric = light.illuminance();
             chances.push(photometric * solid_angle * light.pattern.as_ref().map_or(1.0, |p| p.mean()));
-            let medium_stack = bodies_at(scene, position, Vec3::Y, around);
+            let medium_stack = medium_stack_at(scene, position, Vec3::Y, around);
             lamps.push(Lamp { light: LightRef::Punctual(i as u32), photometric, modulation: light.modulation, medium_stack });
         }
-        let mut parallel: Vec<Option<Parallel>> = lights.punctual.iter().map(|_| None).collect();
-        for (i, found) in Parallel::learn(scene, around, &settings, camera) {
+        let mut directional: Vec<Option<DirectionalEmission>> = lights.punctual.iter().map(|_| None).collect();
+        for (i, found) in DirectionalEmission::learn(scene, around, &settings, camera) {
             let light = &lights.punctual[i as usize];
             punctual[i as usize] = Some(lamps.len() as u32);
             let photometric = light.illuminance();
             chances.push(photometric * found.lit_m2);
             let medium_stack = MediumStack::default();
             lamps.push(Lamp { light: LightRef::Punctual(i), photometric, modulation: light.modulation, medium_stack });
-            parallel[i as usize] = Some(found);
+            directional[i as usize] = Some(found);
         }
         if lamps.is_empty() {
             return None;
@@ -242,7 +242,7 @@ impl<'a> Connections<'a> {
         chances.iter_mut().for_each(|c| *c = c.max(least));
         let wavelengths = if settings.rgb { WavelengthSampler::rgb() } else { WavelengthSampler::uniform() };
         let choice = Discrete::new(&chances);
-        let mut connections = Connections { scene, settings, wavelengths, lamps, choice, punctual, parallel, kappa: 1.0 };
+        let mut connections = Connections { scene, settings, wavelengths, lamps, choice, punctual, directional, kappa: 1.0 };
         let found = connections.trace(PILOT_POOL, 0, PILOT).len();
         connections.kappa = f64::from(CANDIDATES) * f64::from(PILOT) / found as f64;
         (found >= FEWEST).then_some(connections)
@@ -308,8 +308,8 @@ impl<'a> Connections<'a> {
         let lights = self.scene.lights();
         self.kappa
             * match light {
-                LightRef::Punctual(i) if let Some(parallel) = &self.parallel[i as usize] => {
-                    chance * f64::from(parallel.direction_density() * parallel.density(point, direction))
+                LightRef::Punctual(i) if let Some(directional) = &self.directional[i as usize] => {
+                    chance * f64::from(directional.direction_density() * directional.density(point, direction))
                 }
                 LightRef::Area(i) => {
                     let light = &lights.area[i as usize];
@@ -321,9 +321,9 @@ impl<'a> Connections<'a> {
             }
     }
 
-    fn start(&self, sampler: &Sampler) -> Option<Start> {
-        let lamp = self.choice.sample(sampler.get(Set::Time)[1]).0 as u32;
-        let [a, b, c, d] = sampler.get(Set::Camera);
+    fn start(&self, sampler: &Sampler) -> Option<LightLeSample> {
+        let lamp = self.choice.sample(sampler.get(Dimensions::Time)[1]).0 as u32;
+        let [a, b, c, d] = sampler.get(Dimensions::Camera);
         let chance = self.choice.probability(lamp as usize);
         let lights = self.scene.lights();
         let (no_normal, no_place) = (Vec3::ZERO, Vec2::ZERO);
@@ -344,10 +344,10 @@ impl<'a> Connections<'a> {
                 let cos = normal.dot(direction).abs();
                 (point, normal, place, direction, chance / light.area(), fraction * cos * FRAC_1_PI, cos)
             }
-            LightRef::Punctual(i) if let Some(parallel) = &self.parallel[i as usize] => {
-                let (point, direction, p_line) = parallel.sample([c, d], [a, b]);
-                let l0 = chance * parallel.direction_density();
-                (point, no_normal, no_place, direction, l0, p_line, parallel.over_irradiance())
+            LightRef::Punctual(i) if let Some(directional) = &self.directional[i as usize] => {
+                let (point, direction, p_line) = directional.sample([c, d], [a, b]);
+                let l0 = chance * directional.direction_density();
+                (point, no_normal, no_place, direction, l0, p_line, directional.over_irradiance())
             }
             LightRef::Punctual(i) => {
                 let kind = lights.punctual[i as usize].kind;
@@ -367,12 +367,13 @@ impl<'a> Connections<'a> {
             LightRef::Environment => return None,
         };
         let scale = factor / (l0 * p_line);
-        let start = Start { lamp, point, normal, place, direction, scale, l0: f64::from(l0), p_line, thin_dielectrics: 0 };
+        let start =
+            LightLeSample { lamp, point, normal, place, direction, scale, l0: f64::from(l0), p_line, thin_dielectrics: 0 };
         (factor > 1e-6 && p_line > 0.0).then_some(start)
     }
 
-    /// What a light path begins with, without the lamp's modulation: radiance or intensity times [`Start::scale`].
-    fn sent(&self, start: &Start, wavelengths: &Wavelengths) -> Sampled {
+    /// What a light path begins with, without the lamp's modulation: radiance or intensity times [`LightLeSample::scale`].
+    fn emitted(&self, start: &LightLeSample, wavelengths: &SampledWavelengths) -> SampledSpectrum {
         let (lights, materials) = (self.scene.lights(), &self.scene.description().materials);
         start.scale
             * match self.lamps[start.lamp as usize].light {
@@ -381,14 +382,14 @@ impl<'a> Connections<'a> {
                     let light = &lights.punctual[i as usize];
                     light.relative_intensity(None, start.direction, wavelengths) * light.power.sample_light(wavelengths)
                 }
-                LightRef::Environment => Sampled::ZERO,
+                LightRef::Environment => SampledSpectrum::ZERO,
             }
     }
 
     /// The same for tracing: of spectra with that of the lamp taken as even, so that no line of it decides about other wavelengths.
-    fn sent_for_tracing(&self, start: &Start, wavelengths: &Wavelengths) -> Sampled {
+    fn emitted_for_tracing(&self, start: &LightLeSample, wavelengths: &SampledWavelengths) -> SampledSpectrum {
         if wavelengths.is_rgb() {
-            return self.sent(start, wavelengths);
+            return self.emitted(start, wavelengths);
         }
         let (lights, materials) = (self.scene.lights(), &self.scene.description().materials);
         let lamp = &self.lamps[start.lamp as usize];
@@ -403,20 +404,20 @@ impl<'a> Connections<'a> {
                     let light = &lights.punctual[i as usize];
                     light.relative_intensity(None, start.direction, wavelengths) * lamp.photometric
                 }
-                LightRef::Environment => Sampled::ZERO,
+                LightRef::Environment => SampledSpectrum::ZERO,
             }
     }
 
     /// Traces the light path that belongs to the numbers of a sampler.
     fn trace_path<'b>(&'b self, sampler: &Sampler, traced: &mut Traced<'b>) {
         let scene = self.scene;
-        let wavelengths = self.wavelengths.sample(sampler.get(Set::Time)[0]);
+        let wavelengths = self.wavelengths.sample(sampler.get(Dimensions::Time)[0]);
         let Some(mut start) = self.start(sampler) else { return };
         let mut medium_stack = self.lamps[start.lamp as usize].medium_stack;
         let side = start.normal.dot(start.direction).signum();
         let origin = if start.normal == Vec3::ZERO { start.point } else { offset_origin(start.point, start.normal * side) };
         let mut ray = Ray { origin, direction: start.direction, time_s: 0.0 };
-        let mut passed = Sampled::ONE;
+        let mut passed = SampledSpectrum::ONE;
         if self.is_parallel(start.lamp) {
             // Air that begins farther out than light paths do.
             let back = Ray { direction: -start.direction, ..ray };
@@ -441,11 +442,11 @@ impl<'a> Connections<'a> {
             }
             let (to_prev, d2) = (-ray.direction, (surface.point - before).length_squared());
             let Some(bsdf) = material.bsdf(&surface, to_prev, &wavelengths, false, around) else { break };
-            let u = sampler.get(Set::Scatter(depth));
+            let u = sampler.get(Dimensions::Scatter(depth));
             let mut event =
                 Event { surface, material, around, to_prev, d2, to_next: Vec3::ZERO, over_density: 0.0, u, is_specular: false };
             let here = match state {
-                None => Some(self.first_state(&start, &event, passed * self.sent_for_tracing(&start, &wavelengths))),
+                None => Some(self.first_state(&start, &event, passed * self.emitted_for_tracing(&start, &wavelengths))),
                 Some(state) => traced.events.last().and_then(|last: &Event| next_state(state, last, &event, &wavelengths)),
             };
             let Some(here) = here.filter(|s| s.flux.is_finite() && s.flux.max_element() > 0.0 && s.weights.over_l2.is_finite())
@@ -458,7 +459,8 @@ impl<'a> Connections<'a> {
             let event_number = traced.events.len() as u32;
             let ng = bsdf.side_normal();
             if !bsdf.is_specular() {
-                let mean = |s: Sampled| if wavelengths.is_rgb() { (s.x + s.y + s.z) / 3.0 } else { 0.25 * s.element_sum() };
+                let mean =
+                    |s: SampledSpectrum| if wavelengths.is_rgb() { (s.x + s.y + s.z) / 3.0 } else { 0.25 * s.element_sum() };
                 let diffuse = bsdf.diffuse_albedo().map(|albedo| mean(albedo) * FRAC_1_PI);
                 traced.candidates.push(Candidate {
                     weights: here.weights,
@@ -497,14 +499,19 @@ impl<'a> Connections<'a> {
     }
 
     fn is_parallel(&self, lamp: u32) -> bool {
-        matches!(self.lamps[lamp as usize].light, LightRef::Punctual(i) if self.parallel[i as usize].is_some())
+        matches!(self.lamps[lamp as usize].light, LightRef::Punctual(i) if self.directional[i as usize].is_some())
     }
 
     /// The way of a light path from infinity through thin dielectrics that do not scatter, `most` of them; `None` where it ends before a surface.
-    fn through_thin_dielectrics(&self, start: &Start, wavelengths: &Wavelengths, most: u32) -> Option<WayIn> {
+    fn through_thin_dielectrics(
+        &self,
+        start: &LightLeSample,
+        wavelengths: &SampledWavelengths,
+        most: u32,
+    ) -> Option<EntrySegment> {
         let scene = self.scene;
         let ray = Ray { origin: start.point, direction: start.direction, time_s: 0.0 };
-        let mut way = WayIn { ray, medium_stack: MediumStack::default(), passed: Sampled::ONE, count: 0 };
+        let mut way = EntrySegment { ray, medium_stack: MediumStack::default(), passed: SampledSpectrum::ONE, count: 0 };
         while way.count < most {
             let surface = scene.intersect(&way.ray, f32::INFINITY)?;
             let material = scene.material(surface.object);
@@ -562,7 +569,7 @@ impl<'a> LightVertices<'a> {
     }
 
     /// What a light path brings to a vertex at the wavelengths of a camera path, at a moment.
-    pub(super) fn state_at(&self, number: usize, wavelengths: &Wavelengths, time_s: f32) -> Option<State> {
+    pub(super) fn state_at(&self, number: usize, wavelengths: &SampledWavelengths, time_s: f32) -> Option<State> {
         let (connections, vertex) = (self.connections, &self.vertices[number]);
         let (start, first) = &self.starts[vertex.path as usize];
         let modulation = connections.scene.modulated(&connections.lamps[start.lamp as usize].modulation, time_s);
@@ -570,11 +577,11 @@ impl<'a> LightVertices<'a> {
             true => vertex.state,
             false => {
                 let events = &self.events[*first as usize..=vertex.event as usize];
-                let mut sent = connections.sent(start, wavelengths);
+                let mut emitted = connections.emitted(start, wavelengths);
                 if start.thin_dielectrics > 0 {
-                    sent *= connections.through_thin_dielectrics(start, wavelengths, start.thin_dielectrics)?.passed;
+                    emitted *= connections.through_thin_dielectrics(start, wavelengths, start.thin_dielectrics)?.passed;
                 }
-                let state = connections.first_state(start, &events[0], sent);
+                let state = connections.first_state(start, &events[0], emitted);
                 events.windows(2).try_fold(state, |state, pair| next_state(state, &pair[0], &pair[1], wavelengths))?
             }
         };

@@ -21,7 +21,7 @@ use crate::light::{Punctual, PunctualKind, SpotEdge};
 use crate::load::{Fetch, finished, note_missing};
 use crate::material::{Material, Principled, Scattering};
 use crate::motion::{Local, Motion, Node};
-use crate::scene::{Description, FilmHints, Object, Shape, Sight, Variant, Viewpoint};
+use crate::scene::{CameraProjection, Description, FilmHints, Object, Shape, Variant, Viewpoint};
 use crate::shape::Mesh;
 use crate::texture::{Color, Image, Scalar};
 use check::{check_accessors, check_attributes, check_container, check_extensions, check_sources, is_supported, label};
@@ -272,8 +272,8 @@ impl<'a> Loader<'a> {
             // Scale of a camera's node has no meaning.
             let (_, rotation, translation) = placed.to_scale_rotation_translation();
             let sight = match camera.projection() {
-                gltf::camera::Projection::Perspective(p) => Sight::Perspective { vertical_fov: p.yfov() },
-                gltf::camera::Projection::Orthographic(o) => Sight::Orthographic { height: 2.0 * o.ymag() },
+                gltf::camera::Projection::Perspective(p) => CameraProjection::Perspective { vertical_fov: p.yfov() },
+                gltf::camera::Projection::Orthographic(o) => CameraProjection::Orthographic { height: 2.0 * o.ymag() },
             };
             let plain = Viewpoint {
                 name: camera.name().unwrap_or(&name).to_owned(),

@@ -43,7 +43,7 @@ use crate::builtin::builder::{Builder, block};
 use crate::light::Environment;
 use crate::light::punctual::{Punctual, PunctualKind};
 use crate::material::{Conductor, Emission, Material, Scattering};
-use crate::scene::{Description, FilmHints, Sight, Viewpoint};
+use crate::scene::{CameraProjection, Description, FilmHints, Viewpoint};
 use crate::texture::Color;
 use diopter_light::Spectrum;
 use diopter_light::color::srgb_of_light;
@@ -350,7 +350,7 @@ fn viewpoint(place: &Place, camera: &Camera) -> Result<Viewpoint, SceneError> {
             matrix3: Mat3A::from(Mat3::from_cols(right, back.cross(right), back)),
             translation: from.into(),
         },
-        sight: Sight::Perspective { vertical_fov: fov.to_radians() },
+        sight: CameraProjection::Perspective { vertical_fov: fov.to_radians() },
         lens: None,
         film: FilmHints::default(),
         node: None,

@@ -9,7 +9,7 @@ use super::measured::MeasuredLobe;
 use super::polarization::Event;
 use super::principled::PrincipledLobes;
 use crate::shape::Surface;
-use diopter_light::{Sampled, sampling};
+use diopter_light::{SampledSpectrum, sampling};
 use glam::Vec3;
 
 /// A direction light can have come from.
@@ -18,7 +18,7 @@ pub struct Scatter {
     /// Unit direction away from the surface, towards where the light comes from.
     pub wi: Vec3,
     /// f cos θ / density, at the four wavelengths.
-    pub weight: Sampled,
+    pub weight: SampledSpectrum,
     /// Density in solid angle, 1/sr; meaningless for a mirror direction.
     pub pdf: f32,
     /// Whether only this very direction counts (mirror, clear glass).
@@ -34,11 +34,11 @@ pub struct Scatter {
 // The largest is also the most common: on the stack it costs less than a box would.
 #[allow(clippy::large_enum_variant)]
 pub(super) enum Lobes<'a> {
-    Diffuse { albedo: Sampled },
+    Diffuse { albedo: SampledSpectrum },
     Conductor(ConductorLobe),
     Coated(CoatedLobes<'a>),
     Principled(PrincipledLobes<'a>),
-    DiffuseTransmission { reflectance: Sampled, transmittance: Sampled },
+    DiffuseTransmission { reflectance: SampledSpectrum, transmittance: SampledSpectrum },
     Hair(HairLobes),
     Measured(MeasuredLobe<'a>),
 }
@@ -116,7 +116,7 @@ impl Bsdf<'_> {
 
     /// Albedo where all it does is to reflect diffusely.
     #[inline]
-    pub(crate) fn diffuse_albedo(&self) -> Option<Sampled> {
+    pub(crate) fn diffuse_albedo(&self) -> Option<SampledSpectrum> {
         match &self.lobes {
             Lobes::Diffuse { albedo } => Some(*albedo),
             _ => None,
@@ -134,7 +134,7 @@ impl Bsdf<'_> {
     }
 
     /// Fraction of light that goes through without being bent or blurred, at the four wavelengths: of smooth thin sheets; `None` of all else.
-    pub fn straight_through(&self) -> Option<Sampled> {
+    pub fn straight_through(&self) -> Option<SampledSpectrum> {
         match &self.lobes {
             Lobes::Principled(lobes) => lobes.straight_through(self.frame.wo),
             _ => None,
@@ -155,11 +155,11 @@ impl Bsdf<'_> {
 
     /// f cos θ (1/sr) at the four wavelengths for the unit direction `wi` away from the surface, and the density (1/sr) [`Bsdf::sample`] has for it; 0 for mirrors.
     #[inline]
-    pub fn eval(&self, wi: Vec3) -> (Sampled, f32) {
+    pub fn eval(&self, wi: Vec3) -> (SampledSpectrum, f32) {
         let local = self.local(wi);
         // A direction that the true surface and the shaded one put on different sides carries no light; fibres have no sides.
         if !self.is_fiber() && (self.frame.ng.dot(wi) > 0.0) != (local.z > 0.0) {
-            return (Sampled::ZERO, 0.0);
+            return (SampledSpectrum::ZERO, 0.0);
         }
         match &self.lobes {
             Lobes::Diffuse { albedo } => diffuse::eval(*albedo, local),
@@ -185,17 +185,17 @@ impl Bsdf<'_> {
     }
 
     /// f cos θ of the broad lobes alone ([`Bsdf::breadth`]).
-    pub(crate) fn eval_broad(&self, wi: Vec3, least_alpha: f32) -> Sampled {
+    pub(crate) fn eval_broad(&self, wi: Vec3, least_alpha: f32) -> SampledSpectrum {
         match &self.lobes {
             Lobes::Principled(lobes) => {
                 let local = self.local(wi);
                 match (self.frame.ng.dot(wi) > 0.0) == (local.z > 0.0) {
                     true => lobes.eval_lobes(self.frame.wo, local, least_alpha).0,
-                    false => Sampled::ZERO,
+                    false => SampledSpectrum::ZERO,
                 }
             }
             _ if self.breadth(least_alpha).broad => self.eval(wi).0,
-            _ => Sampled::ZERO,
+            _ => SampledSpectrum::ZERO,
         }
     }
 

@@ -13,7 +13,7 @@ use super::polarization::{Event, dielectric, s_axis};
 use crate::exact::{Exact, Sink, Source, field};
 use crate::shape::Surface;
 use crate::texture::Scalar;
-use diopter_light::{Sampled, Wavelengths};
+use diopter_light::{SampledSpectrum, SampledWavelengths};
 use glam::Vec3;
 use serde_json::Value;
 use std::sync::Arc;
@@ -46,7 +46,7 @@ impl CoatedConductor {
         self.interface.prepare(self.across.is_some(), false);
     }
 
-    pub(super) fn at(&self, surface: &Surface, wavelengths: &Wavelengths) -> CoatedLobes<'_> {
+    pub(super) fn at(&self, surface: &Surface, wavelengths: &SampledWavelengths) -> CoatedLobes<'_> {
         let metal = self.metal.at(surface, wavelengths).within(self.ior);
         let along = self.roughness.at(surface).clamp(0.0, 1.0);
         let across = self.across.as_ref().map_or(along, |r| r.at(surface).clamp(0.0, 1.0));
@@ -90,12 +90,12 @@ impl CoatedLobes<'_> {
     }
 
     /// What is left of light on its way in and out, with what goes to and fro; `inner_o` is the direction of view within the coat.
-    fn through(&self, wo: Vec3, wi: Vec3, inner_o: Vec3) -> Sampled {
+    fn through(&self, wo: Vec3, wi: Vec3, inner_o: Vec3) -> SampledSpectrum {
         self.again(wo, inner_o) * ((1.0 - self.reflected(wo)) * (1.0 - fresnel_dielectric(wi.z, self.ior)))
     }
 
     /// All that comes out over what comes out at once.
-    fn again(&self, wo: Vec3, inner_o: Vec3) -> Sampled {
+    fn again(&self, wo: Vec3, inner_o: Vec3) -> SampledSpectrum {
         let r = self.metal.normal(inner_o.z);
         let facets = self.metal.facets();
         let [escapes, mean] = match facets.is_smooth() {
@@ -103,7 +103,7 @@ impl CoatedLobes<'_> {
             false => self.escape.at(wo.z, facets.roughness_aside(wo)),
         };
         let held = (1.0 - escapes) * mean / escapes.max(1e-3);
-        Sampled::ONE + r * held / (Sampled::ONE - r * (1.0 - mean)).max(Sampled::splat(1e-3))
+        SampledSpectrum::ONE + r * held / (SampledSpectrum::ONE - r * (1.0 - mean)).max(SampledSpectrum::splat(1e-3))
     }
 
     /// The event as a Mueller matrix, in the local frame: of the lobes that are specular, or of the others. Of light that was held back by the coat over a
@@ -118,18 +118,18 @@ impl CoatedLobes<'_> {
             // R + T² m / (1 − m R) of each component.
             let metal = self.metal.in_plane(inner_o, Vec3::Z).0.scaled(self.metal.normal(inner_o.z));
             let below = faces[1].times(metal).times(faces[1]).again_and_again(metal.times(faces[0]));
-            let all = self.metal.normal(inner_o.z) * self.through(wo, wi, inner_o) + Sampled::splat(self.reflected(wo));
-            return Event::mixed(s, &faces[0].plus(below).scaled(Sampled::ONE / all), Sampled::ZERO);
+            let all = self.metal.normal(inner_o.z) * self.through(wo, wi, inner_o) + SampledSpectrum::splat(self.reflected(wo));
+            return Event::mixed(s, &faces[0].plus(below).scaled(SampledSpectrum::ONE / all), SampledSpectrum::ZERO);
         }
-        let (mut sum, mut all) = (Event::NOTHING, Sampled::ZERO);
+        let (mut sum, mut all) = (Event::NOTHING, SampledSpectrum::ZERO);
         if with(self.facets) {
             let (reflection, weight) = match specular {
                 true => (faces[0], 1.0),
                 false => (dielectric(wo.dot(h), self.ior)[0], self.facets.d(h) * self.facets.g2(wo, wi) / (4.0 * wo.z)),
             };
-            let reflection = reflection.scaled(Sampled::splat(weight));
+            let reflection = reflection.scaled(SampledSpectrum::splat(weight));
             all += reflection.mean();
-            sum = Event::mixed(s, &reflection, Sampled::ZERO);
+            sum = Event::mixed(s, &reflection, SampledSpectrum::ZERO);
         }
         if with(self.metal.facets()) {
             let (value, jacobian) = match specular {
@@ -140,13 +140,13 @@ impl CoatedLobes<'_> {
             // Out of the coat, off a facet, into the coat: three planes of incidence.
             let inner_h = (inner_o + inner_i).try_normalize().unwrap_or(Vec3::Z);
             let (plane, rest) = self.metal.in_plane(inner_o, inner_h);
-            let once = Sampled::ONE / self.again(wo, inner_o);
+            let once = SampledSpectrum::ONE / self.again(wo, inner_o);
             let metal = Event::mixed(s_axis(inner_h, inner_o), &plane.scaled(once), rest * once);
             let face = |w: Vec3| Event::in_plane(s_axis(Vec3::Z, w), &self.interface.through(self.facets, w));
             let whole = face(wo).then(&metal, inner_o).then(&face(wi), -inner_i);
             all += weight;
             // What was held back was reflected within, where more of s is, and came out after all, where more of p does: taken for unpolarised.
-            let held = Event::DEPOLARIZES.scaled(weight * (Sampled::ONE - once));
+            let held = Event::DEPOLARIZES.scaled(weight * (SampledSpectrum::ONE - once));
             sum = sum.plus(&whole.scaled(weight), s, wo, wi).plus(&held, s, wo, wi);
         }
         sum.over(all)
@@ -162,16 +162,16 @@ impl CoatedLobes<'_> {
         [self.facets, self.metal.facets()].iter().all(|f| f.is_smooth() || f.is_wide(least_alpha))
     }
 
-    pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
+    pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> (SampledSpectrum, f32) {
         if wi.z <= 0.0 {
-            return (Sampled::ZERO, 0.0);
+            return (SampledSpectrum::ZERO, 0.0);
         }
         let choice = self.choice(wo);
-        let (mut f, mut pdf) = (Sampled::ZERO, 0.0);
+        let (mut f, mut pdf) = (SampledSpectrum::ZERO, 0.0);
         if !self.facets.is_smooth() {
             let h = (wo + wi).normalize();
             let d = self.facets.d(h) / (4.0 * wo.z);
-            f += Sampled::splat(fresnel_dielectric(wo.dot(h), self.ior) * d * self.facets.g2(wo, wi));
+            f += SampledSpectrum::splat(fresnel_dielectric(wo.dot(h), self.ior) * d * self.facets.g2(wo, wi));
             pdf += choice * d * self.facets.g1(wo);
         }
         if let (Some(inner_o), Some(inner_i)) = (self.bent(wo), self.bent(wi)) {
@@ -188,7 +188,7 @@ impl CoatedLobes<'_> {
         let choice = self.choice(wo);
         let wi = if u[2] < choice {
             if self.facets.is_smooth() {
-                let weight = Sampled::splat(self.reflected(wo) / choice);
+                let weight = SampledSpectrum::splat(self.reflected(wo) / choice);
                 return Some(LocalScatter {
                     wi: Vec3::new(-wo.x, -wo.y, wo.z),
                     weight,

@@ -7,7 +7,7 @@ use super::polarization::{Event, InPlane, conductor, s_axis};
 use crate::shape::Surface;
 use crate::texture::Scalar;
 use diopter_light::spectrum::Table;
-use diopter_light::{Sampled, Spectrum, Wavelengths};
+use diopter_light::{SampledSpectrum, SampledWavelengths, Spectrum};
 use glam::Vec3;
 
 /// A metal.
@@ -61,23 +61,23 @@ impl Conductor {
         })
     }
 
-    pub(super) fn at(&self, surface: &Surface, wavelengths: &Wavelengths) -> ConductorLobe {
+    pub(super) fn at(&self, surface: &Surface, wavelengths: &SampledWavelengths) -> ConductorLobe {
         let (n, k) = (self.n.sample(wavelengths), self.k.sample(wavelengths));
         let along = self.alpha.at(surface).clamp(0.0, 1.0);
         let across = self.across.as_ref().map_or(along, |a| a.at(surface).clamp(0.0, 1.0));
         ConductorLobe { n, k, facets: Ggx::new(along, across), bounces: self.bounces }
     }
 
-    /// Reflectance at normal incidence, 0 to 1, in red, green and blue ([`Wavelengths::rgb`]).
+    /// Reflectance at normal incidence, 0 to 1, in red, green and blue ([`SampledWavelengths::rgb`]).
     pub fn normal_reflectance(&self) -> Vec3 {
-        let rgb = Wavelengths::rgb();
+        let rgb = SampledWavelengths::rgb();
         fresnel_conductor(1.0, self.n.sample(&rgb), self.k.sample(&rgb)).truncate()
     }
 }
 
 pub(super) struct ConductorLobe {
-    n: Sampled,
-    k: Sampled,
+    n: SampledSpectrum,
+    k: SampledSpectrum,
     facets: Ggx,
     bounces: FacetBounces,
 }
@@ -93,23 +93,23 @@ impl ConductorLobe {
     }
 
     /// Reflectance of a smooth surface at a cosine.
-    pub(super) fn normal(&self, cos: f32) -> Sampled {
+    pub(super) fn normal(&self, cos: f32) -> SampledSpectrum {
         fresnel_conductor(cos, self.n, self.k)
     }
 
     /// Fresnel reflectance, with what bounces between facets.
-    fn reflectance(&self, wo: Vec3, h: Vec3) -> Sampled {
+    fn reflectance(&self, wo: Vec3, h: Vec3) -> SampledSpectrum {
         let f = fresnel_conductor(wo.dot(h), self.n, self.k);
         if self.bounces == FacetBounces::Lost || self.facets.is_smooth() {
             return f;
         }
         let e = mirror_albedo_at(self.facets, wo);
-        f * (Sampled::ONE + fresnel_conductor(1.0, self.n, self.k) * ((1.0 - e) / e))
+        f * (SampledSpectrum::ONE + fresnel_conductor(1.0, self.n, self.k) * ((1.0 - e) / e))
     }
 
-    pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
+    pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> (SampledSpectrum, f32) {
         if wi.z <= 0.0 || self.facets.is_smooth() {
-            return (Sampled::ZERO, 0.0);
+            return (SampledSpectrum::ZERO, 0.0);
         }
         let h = (wo + wi).normalize();
         let d = self.facets.d(h) / (4.0 * wo.z);
@@ -117,10 +117,10 @@ impl ConductorLobe {
     }
 
     /// What facets mirror of each component at a cosine, and what bounces between them; both over what they send on of unpolarised light.
-    pub(super) fn in_plane(&self, wo: Vec3, h: Vec3) -> (InPlane, Sampled) {
+    pub(super) fn in_plane(&self, wo: Vec3, h: Vec3) -> (InPlane, SampledSpectrum) {
         let cos = wo.dot(h);
-        let once = fresnel_conductor(cos, self.n, self.k) / self.reflectance(wo, h).max(Sampled::splat(1e-12));
-        (conductor(cos, self.n, self.k).normalized().scaled(once), (Sampled::ONE - once).max(Sampled::ZERO))
+        let once = fresnel_conductor(cos, self.n, self.k) / self.reflectance(wo, h).max(SampledSpectrum::splat(1e-12));
+        (conductor(cos, self.n, self.k).normalized().scaled(once), (SampledSpectrum::ONE - once).max(SampledSpectrum::ZERO))
     }
 
     /// The event as a Mueller matrix, in the local frame.

@@ -9,7 +9,7 @@ use super::microfacet::{Ggx, cosine_of};
 use super::polarization::{self, InPlane};
 use crate::shape::Surface;
 use crate::texture::Scalar;
-use diopter_light::{Sampled, Wavelengths};
+use diopter_light::{SampledSpectrum, SampledWavelengths};
 use glam::Vec3;
 use std::f32::consts::PI;
 
@@ -27,7 +27,7 @@ pub struct Film {
 }
 
 impl Film {
-    pub(super) fn at(&self, surface: &Surface, wavelengths: &Wavelengths) -> Option<FilmLayer> {
+    pub(super) fn at(&self, surface: &Surface, wavelengths: &SampledWavelengths) -> Option<FilmLayer> {
         let fraction = self.fraction.at(surface).clamp(0.0, 1.0);
         let [thin, thick] = self.between_nm;
         let thickness = (thin + (thick - thin) * self.thickness.at(surface)).clamp(0.0, THICKEST_NM);
@@ -48,13 +48,13 @@ pub(super) struct FilmLayer {
     pub(super) fraction: f32,
     ior: f32,
     thickness: f32,
-    nm: Sampled,
+    nm: SampledSpectrum,
     blur: f32,
 }
 
 impl FilmLayer {
     /// Reflectance at a cosine outside, over a base of indices.
-    pub(super) fn reflectance(&self, cos: f32, base: Sampled) -> Sampled {
+    pub(super) fn reflectance(&self, cos: f32, base: SampledSpectrum) -> SampledSpectrum {
         let cos = cos.abs().min(1.0);
         let sin2 = 1.0 - cos * cos;
         let n = self.ior;
@@ -74,18 +74,18 @@ impl FilmLayer {
             let p = airy(ratio(n * cos, within), ratio(below * within, n * beyond));
             (0.5 * (s + p)).clamp(0.0, 1.0)
         };
-        Sampled::new(one(self.nm.x, base.x), one(self.nm.y, base.y), one(self.nm.z, base.z), one(self.nm.w, base.w))
+        SampledSpectrum::new(one(self.nm.x, base.x), one(self.nm.y, base.y), one(self.nm.z, base.z), one(self.nm.w, base.w))
     }
 
     /// What it reflects and transmits of each component, in one plane of incidence; fringes of RGB paths do not fade here.
-    pub(super) fn in_plane(&self, cos: f32, base: Sampled) -> [InPlane; 2] {
+    pub(super) fn in_plane(&self, cos: f32, base: SampledSpectrum) -> [InPlane; 2] {
         let within = (1.0 - (1.0 - cos * cos) / (self.ior * self.ior)).max(0.0).sqrt();
-        let phase = Sampled::splat(4.0 * PI * self.ior * self.thickness * within) / self.nm;
+        let phase = SampledSpectrum::splat(4.0 * PI * self.ior * self.thickness * within) / self.nm;
         polarization::film(cos, self.ior, base, phase)
     }
 
     /// Mean under light from everywhere, of what a surface of facets sends on at once; `interface` is that of the bare base, of index `ior`.
-    pub(super) fn average(&self, base: Sampled, interface: &Interface, ior: f32, facets: Ggx) -> Sampled {
+    pub(super) fn average(&self, base: SampledSpectrum, interface: &Interface, ior: f32, facets: Ggx) -> SampledSpectrum {
         let at = |mu: f32| match facets.is_smooth() {
             true => self.reflectance(mu, base),
             false => {
@@ -100,9 +100,9 @@ impl FilmLayer {
 }
 
 /// Index of a base by its reflectance at normal incidence.
-pub(super) fn index_of(f0: Sampled) -> Sampled {
-    let root = f0.clamp(Sampled::ZERO, Sampled::splat(0.9999)).to_array().map(f32::sqrt);
-    Sampled::from_array(root.map(|r| (1.0 + r) / (1.0 - r)))
+pub(super) fn index_of(f0: SampledSpectrum) -> SampledSpectrum {
+    let root = f0.clamp(SampledSpectrum::ZERO, SampledSpectrum::splat(0.9999)).to_array().map(f32::sqrt);
+    SampledSpectrum::from_array(root.map(|r| (1.0 + r) / (1.0 - r)))
 }
 
 /// Points and weights of Gauss and Legendre over 0 to 1.
@@ -121,14 +121,14 @@ mod tests {
     use crate::material::microfacet::fresnel_dielectric;
 
     fn film(ior: f32, thickness: f32, nm: f32) -> FilmLayer {
-        FilmLayer { fraction: 1.0, ior, thickness, nm: Sampled::splat(nm), blur: 0.0 }
+        FilmLayer { fraction: 1.0, ior, thickness, nm: SampledSpectrum::splat(nm), blur: 0.0 }
     }
 
     #[test]
     fn a_quarter_wave_is_the_textbook_coating() {
         // Magnesium fluoride on crown glass: ((n² − nₛ)/(n² + nₛ))² = 1.26 % (Hecht, "Optics", §9.7).
         let quarter = film(1.38, 550.0 / 4.0 / 1.38, 550.0);
-        let r = quarter.reflectance(1.0, Sampled::splat(1.52)).x;
+        let r = quarter.reflectance(1.0, SampledSpectrum::splat(1.52)).x;
         let expected = ((1.38f32 * 1.38 - 1.52) / (1.38 * 1.38 + 1.52)).powi(2);
         assert!((r - expected).abs() < 1e-6 && (r - 0.0126).abs() < 1e-4, "{r}");
         // A half wave changes nothing, nor does a film that is not there; at any angle.
@@ -136,7 +136,7 @@ mod tests {
             let bare = fresnel_dielectric(cos, 1.52);
             let within = (1.0 - (1.0 - cos * cos) / (1.38f32 * 1.38)).sqrt();
             for d in [0.0, 550.0 / 2.0 / 1.38 / within] {
-                let r = film(1.38, d, 550.0).reflectance(cos, Sampled::splat(1.52)).x;
+                let r = film(1.38, d, 550.0).reflectance(cos, SampledSpectrum::splat(1.52)).x;
                 assert!((r - bare).abs() < 2e-5, "{cos} {d}: {r} {bare}");
             }
         }
@@ -145,7 +145,7 @@ mod tests {
     #[test]
     fn a_black_film_reflects_nothing_and_a_soap_film_four_times_one_face() {
         // Between air on both sides: no thickness, no light; a quarter wave gives 4 R / (1 + R)².
-        let soap = |d: f32| film(1.33, d, 500.0).reflectance(1.0, Sampled::ONE).x;
+        let soap = |d: f32| film(1.33, d, 500.0).reflectance(1.0, SampledSpectrum::ONE).x;
         let r = ((1.33f32 - 1.0) / 2.33).powi(2);
         assert!(soap(0.0) < 1e-6);
         assert!((soap(500.0 / 4.0 / 1.33) - 4.0 * r / (1.0 + r).powi(2)).abs() < 1e-5);
@@ -153,7 +153,7 @@ mod tests {
 
     #[test]
     fn indices_and_averages() {
-        let n = index_of(Sampled::splat(0.04));
+        let n = index_of(SampledSpectrum::splat(0.04));
         assert!((n.x - 1.5).abs() < 1e-5);
         // No film: the mean Fresnel reflectance of n = 1.5 (Judd 1942).
         let mean = film(1.3, 0.0, 550.0).average(n, &Interface::of(1.5), 1.5, Ggx::even(0.0)).x;

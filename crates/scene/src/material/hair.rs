@@ -15,7 +15,7 @@ use crate::shape::Surface;
 use crate::texture::{Color, Graph, Scalar};
 use diopter_light::spectrum::Table;
 use diopter_light::upsample::Sigmoid;
-use diopter_light::{Sampled, Spectrum, Wavelengths};
+use diopter_light::{SampledSpectrum, SampledWavelengths, Spectrum};
 use glam::Vec3;
 use std::f32::consts::{PI, TAU};
 use std::sync::Arc;
@@ -81,13 +81,13 @@ fn absorption_spectrum(rgb: Vec3) -> Spectrum {
 }
 
 /// The same at the wavelengths of a path.
-fn absorption(rgb: Vec3, wavelengths: &Wavelengths) -> Sampled {
+fn absorption(rgb: Vec3, wavelengths: &SampledWavelengths) -> SampledSpectrum {
     let rgb = rgb.max(Vec3::ZERO);
     let scale = 2.0 * rgb.max_element();
     match wavelengths.is_rgb() {
-        true => Wavelengths::lanes(rgb),
+        true => SampledWavelengths::lanes(rgb),
         false if scale > 0.0 => Sigmoid::from_rgb(rgb / scale).sample(wavelengths) * scale,
-        false => Sampled::ZERO,
+        false => SampledSpectrum::ZERO,
     }
 }
 
@@ -117,14 +117,15 @@ impl Hair {
     }
 
     /// Absorption coefficient at a place, per radius of the fibre.
-    fn sigma_a(&self, surface: &Surface, beta_n: f32, wavelengths: &Wavelengths) -> Sampled {
-        let at_least_0 = |s: Sampled| s.max(Sampled::ZERO);
+    fn sigma_a(&self, surface: &Surface, beta_n: f32, wavelengths: &SampledWavelengths) -> SampledSpectrum {
+        let at_least_0 = |s: SampledSpectrum| s.max(SampledSpectrum::ZERO);
         match &self.pigment {
             Pigment::Absorption(spectrum) => at_least_0(spectrum.sample(wavelengths)),
             Pigment::AbsorptionMap(graph) => absorption(graph.at(&surface.lookup()), wavelengths),
             Pigment::Reflectance(color) => {
-                let reflectance = color.sample(surface, wavelengths).clamp(Sampled::splat(LEAST_REFLECTANCE), Sampled::ONE);
-                let root = Sampled::from_array(reflectance.to_array().map(f32::ln)) / color_slope(beta_n);
+                let reflectance =
+                    color.sample(surface, wavelengths).clamp(SampledSpectrum::splat(LEAST_REFLECTANCE), SampledSpectrum::ONE);
+                let root = SampledSpectrum::from_array(reflectance.to_array().map(f32::ln)) / color_slope(beta_n);
                 root * root
             }
             Pigment::Melanin { eumelanin, pheomelanin, spectra } => {
@@ -140,12 +141,12 @@ impl Hair {
             return color.linear_srgb(surface);
         }
         let beta_n = Self::beta(&self.beta_n, surface);
-        let sigma = self.sigma_a(surface, beta_n, &Wavelengths::rgb()).truncate();
+        let sigma = self.sigma_a(surface, beta_n, &SampledWavelengths::rgb()).truncate();
         (-color_slope(beta_n) * sigma.map(f32::sqrt)).exp()
     }
 
     /// The lobes at a place seen from `wo` (local). `h`: where across the fibre, −1 to 1, in the direction of z × x for z on the side of `wo`.
-    pub(super) fn at(&self, surface: &Surface, h: f32, wo: Vec3, wavelengths: &Wavelengths) -> HairLobes {
+    pub(super) fn at(&self, surface: &Surface, h: f32, wo: Vec3, wavelengths: &SampledWavelengths) -> HairLobes {
         let beta_n = Self::beta(&self.beta_n, surface);
         let sigma_a = self.sigma_a(surface, beta_n, wavelengths);
         let alpha = self.alpha.at(surface);
@@ -165,7 +166,7 @@ struct Fiber {
 /// A fibre at a place, seen from one direction.
 pub(super) struct HairLobes {
     /// Fraction of the light that leaves by each lobe.
-    attenuation: [Sampled; LOBES],
+    attenuation: [SampledSpectrum; LOBES],
     /// Probability of each lobe.
     fraction: [f32; LOBES],
     /// Sine and cosine of θ of the view as each lobe sees it: turned by the tilt of the scales.
@@ -180,7 +181,7 @@ pub(super) struct HairLobes {
 }
 
 impl HairLobes {
-    fn new(fiber: &Fiber, h: f32, sigma_a: Sampled, wo: Vec3) -> Self {
+    fn new(fiber: &Fiber, h: f32, sigma_a: SampledSpectrum, wo: Vec3) -> Self {
         let Fiber { eta, beta_m: m, beta_n: n, alpha } = *fiber;
         let h = h.clamp(-1.0, 1.0);
         // Roughness to variance and scale: Chiang et al. 2016, eqs. 7 and 8.
@@ -196,14 +197,14 @@ impl HairLobes {
         let sin_gamma_t = (h / eta_p).clamp(-1.0, 1.0);
         let (cos_gamma_t, gamma_t) = (safe_sqrt(1.0 - sin_gamma_t * sin_gamma_t), sin_gamma_t.asin());
         let way = 2.0 * cos_gamma_t / cos_t.max(1e-6);
-        let inside = Sampled::from_array(sigma_a.to_array().map(|s| (-s * way).exp()));
+        let inside = SampledSpectrum::from_array(sigma_a.to_array().map(|s| (-s * way).exp()));
 
         // What each lobe carries: Chiang et al. 2016, eqs. 11 to 13; the last is the rest of the geometric series.
         let f = fresnel_dielectric(cos_o * safe_sqrt(1.0 - h * h), eta);
         let second = inside * ((1.0 - f) * (1.0 - f));
         let third = second * inside * f;
-        let rest = third * inside * f / (Sampled::ONE - inside * f).max(Sampled::splat(1e-6));
-        let attenuation = [Sampled::splat(f), second, third, rest];
+        let rest = third * inside * f / (SampledSpectrum::ONE - inside * f).max(SampledSpectrum::splat(1e-6));
+        let attenuation = [SampledSpectrum::splat(f), second, third, rest];
         let total: f32 = attenuation.iter().map(|a| a.element_sum()).sum();
         let fraction = attenuation.map(|a| if total > 0.0 { a.element_sum() / total } else { 1.0 / LOBES as f32 });
 
@@ -224,10 +225,10 @@ impl HairLobes {
     }
 
     /// f cos θ, and the density of [`HairLobes::sample`], both over the whole sphere.
-    pub fn eval(&self, wi: Vec3) -> (Sampled, f32) {
+    pub fn eval(&self, wi: Vec3) -> (SampledSpectrum, f32) {
         let (sin_i, cos_i) = (wi.x.clamp(-1.0, 1.0), safe_sqrt(1.0 - wi.x * wi.x));
         let phi = wi.z.atan2(wi.y) - self.phi_o;
-        let (mut value, mut density) = (Sampled::ZERO, 0.0);
+        let (mut value, mut density) = (SampledSpectrum::ZERO, 0.0);
         for p in 0..LOBES {
             let along = longitudinal([sin_i, cos_i], self.theta[p], self.variance[p]);
             let around = self.phi.get(p).map_or(1.0 / TAU, |center| trimmed_logistic(wrapped(phi - center), self.scale));
@@ -327,7 +328,7 @@ mod tests {
 
     fn lobes(beta: [f32; 2], h: f32, sigma: f32, wo: Vec3) -> HairLobes {
         let fiber = Fiber { eta: 1.55, beta_m: beta[0], beta_n: beta[1], alpha: 2f32.to_radians() };
-        HairLobes::new(&fiber, h, Sampled::splat(sigma), wo.normalize())
+        HairLobes::new(&fiber, h, SampledSpectrum::splat(sigma), wo.normalize())
     }
 
     /// A view of the fibre: θ and φ, rad.
@@ -390,7 +391,7 @@ mod tests {
         ];
         for (wo, wi, h, sigma, [beta_m, beta_n], tilt, expected) in ROWS {
             let fiber = Fiber { eta: 1.55, beta_m, beta_n, alpha: tilt.to_radians() };
-            let lobes = HairLobes::new(&fiber, h, Sampled::splat(sigma), Vec3::from_array(wo).normalize());
+            let lobes = HairLobes::new(&fiber, h, SampledSpectrum::splat(sigma), Vec3::from_array(wo).normalize());
             let found = lobes.eval(Vec3::from_array(wi).normalize()).0.x;
             // Five digits of directions, and its own Bessel function, good to 0.3 % at these roughnesses.
             assert!((found / expected - 1.0).abs() < 4e-3, "{wo:?} {wi:?}: {found} {expected}");
@@ -475,7 +476,7 @@ mod tests {
             triangle: 0,
             detail: crate::shape::Detail::None,
         };
-        let sigma = hair.sigma_a(&surface, 0.3, &Wavelengths::rgb()).truncate();
+        let sigma = hair.sigma_a(&surface, 0.3, &SampledWavelengths::rgb()).truncate();
         hair.pigment = Pigment::AbsorptionMap(Arc::new(Graph::Constant(sigma)));
         assert!(hair.albedo(&surface).abs_diff_eq(Vec3::new(0.6, 0.35, 0.2), 1e-4), "{}", hair.albedo(&surface));
         // Brown hair is dark, and darkest in the blue.
@@ -546,7 +547,7 @@ mod lit {
     /// Mean radiance of a view of the middle, relative to the light, and the fraction of rays that met hair.
     fn seen(d: Description, samples: u32) -> (f64, f64) {
         let scene = Scene::build(d).unwrap();
-        let wavelengths = Wavelengths::fixed([450.0, 520.0, 590.0, 660.0]);
+        let wavelengths = SampledWavelengths::fixed([450.0, 520.0, 590.0, 660.0]);
         let (mut sum, mut met) = (0.0, 0.0);
         for i in 0..samples {
             let [x, y] = [mix(i), mix(i + 5_000_000)].map(|n| (to_unit(n) - 0.5) * 0.2);

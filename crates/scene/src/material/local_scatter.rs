@@ -1,6 +1,6 @@
 //! What families of scattering functions give.
 
-use diopter_light::Sampled;
+use diopter_light::SampledSpectrum;
 use glam::Vec3;
 
 /// Which lobes a scattering function has beside specular ones, by a width that tells broad ones from narrow ones.
@@ -13,7 +13,7 @@ pub(crate) struct Breadth {
 /// What families give in the local frame (z on the side of `wo`).
 pub(super) struct LocalScatter {
     pub wi: Vec3,
-    pub weight: Sampled,
+    pub weight: SampledSpectrum,
     pub pdf: f32,
     pub specular: bool,
     pub disperses: bool,

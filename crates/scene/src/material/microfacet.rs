@@ -4,7 +4,7 @@
 //! Visible GGX Normals with Spherical Caps", Turquin 2019, "Practical multiple scattering compensation for microfacet
 //! models". α is the width of the distribution (the square of glTF's roughness).
 
-use diopter_light::Sampled;
+use diopter_light::SampledSpectrum;
 use glam::Vec3;
 use std::f32::consts::{PI, TAU};
 
@@ -38,14 +38,14 @@ pub(super) fn cosine_of(reflected: f32, ior: f32) -> f32 {
 
 /// Reflectance, 0 to 1, of a conductor n + ik against air for unpolarised light, at four wavelengths; `cos_i` in 0..1. Source: PBR 9.3.6.
 #[inline]
-pub fn fresnel_conductor(cos_i: f32, n: Sampled, k: Sampled) -> Sampled {
+pub fn fresnel_conductor(cos_i: f32, n: SampledSpectrum, k: SampledSpectrum) -> SampledSpectrum {
     let c = cos_i.clamp(0.0, 1.0);
     let (c2, s2) = (c * c, 1.0 - c * c);
     let (n2, k2) = (n * n, k * k);
     let t0 = n2 - k2 - s2;
     let a2b2 = sqrt(t0 * t0 + n2 * k2 * 4.0);
     let t1 = a2b2 + c2;
-    let a = sqrt(((a2b2 + t0) * 0.5).max(Sampled::ZERO));
+    let a = sqrt(((a2b2 + t0) * 0.5).max(SampledSpectrum::ZERO));
     let t2 = a * (2.0 * c);
     let rs = (t1 - t2) / (t1 + t2);
     let t3 = a2b2 * c2 + s2 * s2;
@@ -54,16 +54,16 @@ pub fn fresnel_conductor(cos_i: f32, n: Sampled, k: Sampled) -> Sampled {
     (rs + rp) * 0.5
 }
 
-fn sqrt(v: Sampled) -> Sampled {
-    Sampled::new(v.x.sqrt(), v.y.sqrt(), v.z.sqrt(), v.w.sqrt())
+fn sqrt(v: SampledSpectrum) -> SampledSpectrum {
+    SampledSpectrum::new(v.x.sqrt(), v.y.sqrt(), v.z.sqrt(), v.w.sqrt())
 }
 
 /// Schlick's reflectance with `f0` at normal incidence and 1 at grazing; `cos_i` in 0..1. Source: Schlick 1994, "An Inexpensive BRDF Model".
 #[inline]
-pub fn fresnel_schlick(cos_i: f32, f0: Sampled) -> Sampled {
+pub fn fresnel_schlick(cos_i: f32, f0: SampledSpectrum) -> SampledSpectrum {
     let m = (1.0 - cos_i).clamp(0.0, 1.0);
     let m5 = (m * m) * (m * m) * m;
-    f0 + (Sampled::ONE - f0) * m5
+    f0 + (SampledSpectrum::ONE - f0) * m5
 }
 
 /// The GGX distribution of facets' normals: its widths α along the frame's x and y.
@@ -201,7 +201,7 @@ mod tests {
         // Inside glass beyond the critical angle.
         assert_eq!(fresnel_dielectric(0.5, 1.0 / 1.5), 1.0);
         // A conductor without absorption is a dielectric.
-        let f = fresnel_conductor(0.4, Sampled::splat(1.5), Sampled::ZERO);
+        let f = fresnel_conductor(0.4, SampledSpectrum::splat(1.5), SampledSpectrum::ZERO);
         assert!((f.x - fresnel_dielectric(0.4, 1.5)).abs() < 1e-5);
     }
 

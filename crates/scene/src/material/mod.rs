@@ -35,7 +35,7 @@ use crate::light::modulation::Modulation;
 use crate::medium::Medium;
 use crate::shape::Surface;
 use crate::texture::{Color, Lookup, Scalar, Texture};
-use diopter_light::{Sampled, Spectrum, Wavelengths};
+use diopter_light::{SampledSpectrum, SampledWavelengths, Spectrum};
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
 
@@ -233,7 +233,7 @@ impl Emission {
 
     /// Radiance at a point, W·m⁻²·sr⁻¹·nm⁻¹.
     #[inline]
-    pub fn at(&self, surface: &Surface, wavelengths: &Wavelengths) -> Sampled {
+    pub fn at(&self, surface: &Surface, wavelengths: &SampledWavelengths) -> SampledSpectrum {
         match &self.radiance {
             EmissionColor::Captured { factor } => {
                 Spectrum::light_from_rgb(surface.color.truncate() * *factor).sample(wavelengths)
@@ -248,7 +248,7 @@ impl Emission {
 
     /// Radiance at texture coordinates, W·m⁻²·sr⁻¹·nm⁻¹; where the surface has a colour of its own, of white ([`Emission::at`] knows it).
     #[inline]
-    pub fn sample(&self, uv: &[Vec2; 2], wavelengths: &Wavelengths) -> Sampled {
+    pub fn sample(&self, uv: &[Vec2; 2], wavelengths: &SampledWavelengths) -> SampledSpectrum {
         match &self.radiance {
             EmissionColor::Constant(spectrum) => spectrum.sample_light(wavelengths),
             EmissionColor::Textured { factor, texture } => {
@@ -360,7 +360,7 @@ impl Material {
         &self,
         surface: &Surface,
         wo: Vec3,
-        wavelengths: &Wavelengths,
+        wavelengths: &SampledWavelengths,
         hero_only: bool,
         around: Option<&Principled>,
     ) -> Option<Bsdf<'_>> {
@@ -405,7 +405,7 @@ impl Material {
         surface: &Surface,
         wo: Vec3,
         wi: Vec3,
-        wavelengths: &Wavelengths,
+        wavelengths: &SampledWavelengths,
         around: Option<&Principled>,
     ) -> f32 {
         match &self.scattering {

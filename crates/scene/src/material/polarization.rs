@@ -8,43 +8,43 @@
 //! What is not followed: light that bounces between facets of a rough surface (what energy compensation gives back) and light that comes out of a diffuse
 //! base are unpolarised, the latter but for its way through the interface; fibres, cloth, hair and measured tables depolarise.
 
-use diopter_light::Sampled;
+use diopter_light::SampledSpectrum;
 use diopter_light::polarization::{DEPOLARIZER, Mueller, a_from_b};
 use glam::{Mat4, Vec3, Vec4};
 
 /// Complex numbers at four wavelengths.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Complex {
-    pub re: Sampled,
-    pub im: Sampled,
+    pub re: SampledSpectrum,
+    pub im: SampledSpectrum,
 }
 
 impl Complex {
-    pub const ONE: Complex = Complex::real(Sampled::ONE);
+    pub const ONE: Complex = Complex::real(SampledSpectrum::ONE);
 
-    pub const fn real(re: Sampled) -> Self {
-        Complex { re, im: Sampled::ZERO }
+    pub const fn real(re: SampledSpectrum) -> Self {
+        Complex { re, im: SampledSpectrum::ZERO }
     }
 
     pub fn splat(re: f32) -> Self {
-        Complex::real(Sampled::splat(re))
+        Complex::real(SampledSpectrum::splat(re))
     }
 
     pub fn conj(self) -> Self {
         Complex { re: self.re, im: -self.im }
     }
 
-    pub fn norm2(self) -> Sampled {
+    pub fn norm2(self) -> SampledSpectrum {
         self.re * self.re + self.im * self.im
     }
 
-    pub fn scaled(self, factor: Sampled) -> Self {
+    pub fn scaled(self, factor: SampledSpectrum) -> Self {
         Complex { re: self.re * factor, im: self.im * factor }
     }
 
     /// exp(i phase).
-    pub fn turn(phase: Sampled) -> Self {
-        let [re, im] = [f32::cos, f32::sin].map(|f| Sampled::from_array(phase.to_array().map(f)));
+    pub fn turn(phase: SampledSpectrum) -> Self {
+        let [re, im] = [f32::cos, f32::sin].map(|f| SampledSpectrum::from_array(phase.to_array().map(f)));
         Complex { re, im }
     }
 
@@ -53,13 +53,13 @@ impl Complex {
         let length = roots(self.norm2());
         let re = roots((length + self.re) * 0.5);
         let im = roots((length - self.re) * 0.5);
-        let sign = Sampled::select(self.im.cmplt(Sampled::ZERO), Sampled::NEG_ONE, Sampled::ONE);
+        let sign = SampledSpectrum::select(self.im.cmplt(SampledSpectrum::ZERO), SampledSpectrum::NEG_ONE, SampledSpectrum::ONE);
         Complex { re: re * sign, im }
     }
 }
 
-fn roots(v: Sampled) -> Sampled {
-    Sampled::from_array(v.max(Sampled::ZERO).to_array().map(f32::sqrt))
+fn roots(v: SampledSpectrum) -> SampledSpectrum {
+    SampledSpectrum::from_array(v.max(SampledSpectrum::ZERO).to_array().map(f32::sqrt))
 }
 
 impl std::ops::Add for Complex {
@@ -88,7 +88,7 @@ impl std::ops::Div for Complex {
     /// 0 where the divisor is 0.
     fn div(self, o: Complex) -> Complex {
         let n = o.norm2();
-        let inverse = Sampled::select(n.cmpgt(Sampled::ZERO), Sampled::ONE / n, Sampled::ZERO);
+        let inverse = SampledSpectrum::select(n.cmpgt(SampledSpectrum::ZERO), SampledSpectrum::ONE / n, SampledSpectrum::ZERO);
         (self * o.conj()).scaled(inverse)
     }
 }
@@ -98,13 +98,14 @@ impl std::ops::Div for Complex {
 /// Its Mueller matrix is [[a, b, 0, 0], [b, a, 0, 0], [0, 0, Re z, −Im z], [0, 0, Im z, Re z]], a and b half of the sum and of the difference of s and p.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct InPlane {
-    pub s: Sampled,
-    pub p: Sampled,
+    pub s: SampledSpectrum,
+    pub p: SampledSpectrum,
     pub z: Complex,
 }
 
 impl InPlane {
-    pub const NOTHING: InPlane = InPlane { s: Sampled::ZERO, p: Sampled::ZERO, z: Complex::real(Sampled::ZERO) };
+    pub const NOTHING: InPlane =
+        InPlane { s: SampledSpectrum::ZERO, p: SampledSpectrum::ZERO, z: Complex::real(SampledSpectrum::ZERO) };
 
     /// Of amplitudes.
     pub fn of([s, p]: [Complex; 2]) -> Self {
@@ -112,18 +113,22 @@ impl InPlane {
     }
 
     /// Factor on unpolarised light.
-    pub fn mean(&self) -> Sampled {
+    pub fn mean(&self) -> SampledSpectrum {
         (self.s + self.p) * 0.5
     }
 
-    pub fn scaled(self, factor: Sampled) -> Self {
+    pub fn scaled(self, factor: SampledSpectrum) -> Self {
         InPlane { s: self.s * factor, p: self.p * factor, z: self.z.scaled(factor) }
     }
 
     /// The same for a factor of 1 on unpolarised light; nothing where that is 0.
     pub fn normalized(self) -> Self {
         let mean = self.mean();
-        self.scaled(Sampled::select(mean.cmpgt(Sampled::ZERO), Sampled::ONE / mean, Sampled::ZERO))
+        self.scaled(SampledSpectrum::select(
+            mean.cmpgt(SampledSpectrum::ZERO),
+            SampledSpectrum::ONE / mean,
+            SampledSpectrum::ZERO,
+        ))
     }
 
     /// The same of which only a fraction of the difference of s and p is left.
@@ -144,7 +149,7 @@ impl InPlane {
 
     /// first + first · turn + first · turn² + …: what goes to and fro.
     pub fn again_and_again(self, turn: InPlane) -> Self {
-        let rest = |x: Sampled| Sampled::ONE / (Sampled::ONE - x).max(Sampled::splat(1e-6));
+        let rest = |x: SampledSpectrum| SampledSpectrum::ONE / (SampledSpectrum::ONE - x).max(SampledSpectrum::splat(1e-6));
         InPlane { s: self.s * rest(turn.s), p: self.p * rest(turn.p), z: self.z / (Complex::ONE - turn.z) }
     }
 
@@ -175,40 +180,40 @@ fn reflected(cos_i: f32, n: Complex) -> [Complex; 2] {
 /// What a smooth dielectric interface reflects and transmits; `eta` = n beyond / n before, at a cosine before.
 pub(crate) fn dielectric(cos_i: f32, eta: f32) -> [InPlane; 2] {
     let reflection = InPlane::of(reflected(cos_i, Complex::splat(eta)));
-    let (s, p) = (Sampled::ONE - reflection.s, Sampled::ONE - reflection.p);
+    let (s, p) = (SampledSpectrum::ONE - reflection.s, SampledSpectrum::ONE - reflection.p);
     // Both amplitudes are real and positive where there is any transmission.
-    let z = Complex::real(roots(s.max(Sampled::ZERO) * p.max(Sampled::ZERO)));
-    [reflection, InPlane { s: s.max(Sampled::ZERO), p: p.max(Sampled::ZERO), z }]
+    let z = Complex::real(roots(s.max(SampledSpectrum::ZERO) * p.max(SampledSpectrum::ZERO)));
+    [reflection, InPlane { s: s.max(SampledSpectrum::ZERO), p: p.max(SampledSpectrum::ZERO), z }]
 }
 
 /// What a metal of index n + ik, relative to what is before it, reflects.
-pub(crate) fn conductor(cos_i: f32, n: Sampled, k: Sampled) -> InPlane {
+pub(crate) fn conductor(cos_i: f32, n: SampledSpectrum, k: SampledSpectrum) -> InPlane {
     InPlane::of(reflected(cos_i, Complex { re: n, im: k }))
 }
 
 /// What a film reflects and transmits between air and a base: its index and optical phase 4π n d cos θ / λ there and back; `cos` outside.
 /// Source: Born & Wolf 1.6.4 eq. 57, 58.
-pub(crate) fn film(cos: f32, index: f32, base: Sampled, phase: Sampled) -> [InPlane; 2] {
+pub(crate) fn film(cos: f32, index: f32, base: SampledSpectrum, phase: SampledSpectrum) -> [InPlane; 2] {
     let cos = cos.abs().clamp(1e-4, 1.0);
     let sin2 = 1.0 - cos * cos;
     let within = (1.0 - sin2 / (index * index)).max(0.0).sqrt();
-    let beyond = roots(Sampled::ONE - Sampled::splat(sin2) / (base * base));
-    let (c, w) = (Sampled::splat(cos), Sampled::splat(within));
-    let n = Sampled::splat(index);
+    let beyond = roots(SampledSpectrum::ONE - SampledSpectrum::splat(sin2) / (base * base));
+    let (c, w) = (SampledSpectrum::splat(cos), SampledSpectrum::splat(within));
+    let n = SampledSpectrum::splat(index);
     let turn = Complex::turn(phase);
-    let amplitudes = |upper: Sampled, lower: Sampled, through: Sampled| {
+    let amplitudes = |upper: SampledSpectrum, lower: SampledSpectrum, through: SampledSpectrum| {
         let lower = turn.scaled(lower);
         let sum = Complex::ONE + lower.scaled(upper);
         // The phase of one way through the film is the same for s and p.
         [(Complex::real(upper) + lower) / sum, Complex::real(through) / sum]
     };
-    let ratio = |a: Sampled, b: Sampled| {
+    let ratio = |a: SampledSpectrum, b: SampledSpectrum| {
         let sum = a + b;
-        Sampled::select(sum.cmpgt(Sampled::ZERO), (a - b) / sum, Sampled::NEG_ONE)
+        SampledSpectrum::select(sum.cmpgt(SampledSpectrum::ZERO), (a - b) / sum, SampledSpectrum::NEG_ONE)
     };
     let [s0, s1] = [ratio(c, n * w), ratio(n * w, base * beyond)];
     let [p0, p1] = [ratio(n * c, w), ratio(base * w, n * beyond)];
-    let through = |a: Sampled, b: Sampled| roots((Sampled::ONE - a * a) * (Sampled::ONE - b * b));
+    let through = |a: SampledSpectrum, b: SampledSpectrum| roots((SampledSpectrum::ONE - a * a) * (SampledSpectrum::ONE - b * b));
     let [rs, ts] = amplitudes(s0, s1, through(s0, s1));
     let [rp, tp] = amplitudes(p0, p1, through(p0, p1));
     [InPlane::of([rs, rp]), InPlane::of([ts, tp])]
@@ -245,18 +250,18 @@ impl Event {
     }
 
     /// The same beside light of which nothing of the polarisation is kept.
-    pub(crate) fn mixed(s: Vec3, event: &InPlane, depolarized: Sampled) -> Event {
+    pub(crate) fn mixed(s: Vec3, event: &InPlane, depolarized: SampledSpectrum) -> Event {
         let matrix = |lane: usize| event.matrix(lane) + DEPOLARIZER * depolarized[lane];
         Event { outgoing: s, incoming: s, matrices: std::array::from_fn(matrix) }
     }
 
     /// Its matrices times factors.
-    pub(crate) fn scaled(self, factor: Sampled) -> Event {
+    pub(crate) fn scaled(self, factor: SampledSpectrum) -> Event {
         Event { matrices: std::array::from_fn(|lane| self.matrices[lane] * factor[lane]), ..self }
     }
 
     /// Its matrices over what they are on the whole; where that is nothing, nothing of the polarisation is kept.
-    pub(crate) fn over(self, all: Sampled) -> Event {
+    pub(crate) fn over(self, all: SampledSpectrum) -> Event {
         let matrix = |lane: usize| if all[lane] > 0.0 { self.matrices[lane] * (1.0 / all[lane]) } else { DEPOLARIZER };
         Event { matrices: std::array::from_fn(matrix), ..self }
     }
@@ -306,9 +311,9 @@ mod tests {
                 let [r, t] = dielectric(cos, eta);
                 let expected = fresnel_dielectric(cos, eta);
                 assert!((r.mean().x - expected).abs() < 2e-5, "{cos} {eta}: {} {expected}", r.mean().x);
-                assert!((r.mean() + t.mean() - Sampled::ONE).abs().max_element() < 1e-6);
+                assert!((r.mean() + t.mean() - SampledSpectrum::ONE).abs().max_element() < 1e-6);
             }
-            let (n, k) = (Sampled::new(0.13, 0.27, 1.2, 2.9), Sampled::new(3.99, 2.8, 7.26, 3.05));
+            let (n, k) = (SampledSpectrum::new(0.13, 0.27, 1.2, 2.9), SampledSpectrum::new(3.99, 2.8, 7.26, 3.05));
             let difference = conductor(cos, n, k).mean() - fresnel_conductor(cos, n, k);
             assert!(difference.abs().max_element() < 2e-4, "{cos}: {difference}");
         }
@@ -354,11 +359,11 @@ mod tests {
 
     #[test]
     fn a_mirror_turns_right_handed_light_into_left_handed() {
-        let r = conductor(1.0, Sampled::splat(0.1), Sampled::splat(4.0));
+        let r = conductor(1.0, SampledSpectrum::splat(0.1), SampledSpectrum::splat(4.0));
         let light = r.matrix(0) * Vec4::new(1.0, 0.0, 0.0, 1.0);
         assert!((light.w + light.x).abs() < 1e-6 && light.x > 0.9);
         // Metals delay one component: at 70° aluminium makes elliptical light of linear light at 45°.
-        let r = conductor(70f32.to_radians().cos(), Sampled::splat(1.2), Sampled::splat(7.26));
+        let r = conductor(70f32.to_radians().cos(), SampledSpectrum::splat(1.2), SampledSpectrum::splat(7.26));
         let light = r.matrix(0) * Vec4::new(1.0, 0.0, 1.0, 0.0);
         assert!(light.w.abs() > 0.1, "{light}");
         assert!(
@@ -372,7 +377,7 @@ mod tests {
         // Born & Wolf 14.2: at the principal angle of incidence the phases differ by 90°; n² + k² large: sin θ tan θ ≈ √(n² + k²).
         let (n, k) = (1.2f32, 7.26f32);
         let phase = |angle: f32| {
-            let z = conductor(angle.cos(), Sampled::splat(n), Sampled::splat(k)).z;
+            let z = conductor(angle.cos(), SampledSpectrum::splat(n), SampledSpectrum::splat(k)).z;
             z.im.x.atan2(z.re.x).abs()
         };
         let (mut low, mut high) = (0.8f32, 1.55f32);
@@ -388,14 +393,15 @@ mod tests {
     fn films_without_thickness_are_the_bare_interface_and_lose_nothing() {
         for cos in [1.0, 0.7, 0.3f32] {
             let bare = dielectric(cos, 1.5);
-            let none = film(cos, 1.38, Sampled::splat(1.5), Sampled::ZERO);
+            let none = film(cos, 1.38, SampledSpectrum::splat(1.5), SampledSpectrum::ZERO);
             for (a, b) in bare.iter().zip(&none) {
                 assert!((a.s - b.s).abs().max_element() < 1e-5 && (a.p - b.p).abs().max_element() < 1e-5, "{cos}: {a:?} {b:?}");
                 assert!((a.z.re - b.z.re).abs().max_element() < 1e-5 && b.z.im.abs().max_element() < 1e-5, "{cos}: {a:?} {b:?}");
             }
-            let [r, t] = film(cos, 1.38, Sampled::splat(1.5), Sampled::new(0.5, 1.5, 3.0, 6.0));
+            let [r, t] = film(cos, 1.38, SampledSpectrum::splat(1.5), SampledSpectrum::new(0.5, 1.5, 3.0, 6.0));
             assert!(
-                (r.s + t.s - Sampled::ONE).abs().max_element() < 1e-5 && (r.p + t.p - Sampled::ONE).abs().max_element() < 1e-5
+                (r.s + t.s - SampledSpectrum::ONE).abs().max_element() < 1e-5
+                    && (r.p + t.p - SampledSpectrum::ONE).abs().max_element() < 1e-5
             );
             // Fully polarised light stays so: |z|² = s p.
             assert!((r.z.norm2() - r.s * r.p).abs().max_element() < 1e-6 && (t.z.norm2() - t.s * t.p).abs().max_element() < 1e-5);
@@ -410,7 +416,10 @@ mod tests {
         // 2 R / (1 + R) of each component; nothing is lost.
         assert!((r.s.x - 2.0 * one[0].s.x / (1.0 + one[0].s.x)).abs() < 1e-6);
         assert!((r.p.x - 2.0 * one[0].p.x / (1.0 + one[0].p.x)).abs() < 1e-6);
-        assert!((r.s + t.s - Sampled::ONE).abs().max_element() < 1e-6 && (r.p + t.p - Sampled::ONE).abs().max_element() < 1e-6);
+        assert!(
+            (r.s + t.s - SampledSpectrum::ONE).abs().max_element() < 1e-6
+                && (r.p + t.p - SampledSpectrum::ONE).abs().max_element() < 1e-6
+        );
     }
 
     #[test]

@@ -21,7 +21,7 @@ use super::microfacet::{Ggx, SMOOTH};
 use super::sheen::{self, Sheen};
 use crate::shape::Surface;
 use crate::texture::{Color, Scalar};
-use diopter_light::{Sampled, Spectrum, Wavelengths};
+use diopter_light::{SampledSpectrum, SampledWavelengths, Spectrum};
 use glam::Vec3;
 use std::sync::Arc;
 
@@ -53,7 +53,7 @@ pub struct Principled {
     pub transmission: Scalar,
     /// What is behind.
     pub kind: Transmission,
-    /// The sheet has two faces between which light goes to and fro (a pane of glass); of smooth thin sheets only.
+    /// Thin dielectric with reflections between its two faces (a pane of glass; PBR 4ed, section 9.5); smooth ones only.
     pub pane: bool,
     /// Light goes to and fro between the diffuse base and the interface above: bright bases become more saturated.
     pub layered: bool,
@@ -155,11 +155,11 @@ impl Principled {
     /// A base whose light is thrown back at the interface from within, again and again: ρ (1 − F) / (n² (1 − ρ F')), F being what the interface
     /// reflects of light from everywhere outside and F' = 1 − (1 − F) / n² from within. Source: the plastic of W. Jakob's Mitsuba and of
     /// pbrt's layered materials in closed form; F' by reciprocity (Walter et al. 2007).
-    fn seen_through(&self, base: Sampled, roughness: f32) -> Sampled {
+    fn seen_through(&self, base: SampledSpectrum, roughness: f32) -> SampledSpectrum {
         let through = 1.0 - self.interface.average_reflected(if roughness * roughness < SMOOTH { 0.0 } else { roughness });
         let n2 = self.ior * self.ior;
         let within = 1.0 - through / n2;
-        base * through / (n2 * (Sampled::ONE - base * within))
+        base * through / (n2 * (SampledSpectrum::ONE - base * within))
     }
 
     /// `around`: what is on the outer side, if it is no vacuum.
@@ -167,7 +167,7 @@ impl Principled {
         &self,
         surface: &Surface,
         wo: Vec3,
-        wavelengths: &Wavelengths,
+        wavelengths: &SampledWavelengths,
         hero_only: bool,
         around: Option<&Principled>,
     ) -> PrincipledLobes<'_> {
@@ -201,10 +201,10 @@ impl Principled {
         let tint = (self.tinted && !solid).then(|| {
             let f0 = ((self.ior - 1.0) / (self.ior + 1.0)).powi(2);
             let (w, color) = (self.specular.at(surface).clamp(0.0, 1.0), self.specular_color.sample(surface, wavelengths));
-            Tint { weight: w, f0, normal: (color * f0).min(Sampled::ONE) * w }
+            Tint { weight: w, f0, normal: (color * f0).min(SampledSpectrum::ONE) * w }
         });
         let film = self.film.as_ref().and_then(|film| film.at(surface, wavelengths)).map(|layer| {
-            let below = tint.as_ref().map_or(Sampled::splat(n), |t| index_of(t.normal));
+            let below = tint.as_ref().map_or(SampledSpectrum::splat(n), |t| index_of(t.normal));
             OverFilm {
                 layer,
                 below,
@@ -226,7 +226,7 @@ impl Principled {
             bend,
             eta: relative(self.ior, outer_ior),
             dispersive,
-            dispersed: if dispersive { wavelengths.hero_only() } else { Sampled::ONE },
+            dispersed: if dispersive { wavelengths.hero_only() } else { SampledSpectrum::ONE },
             coat: if inside { 0.0 } else { self.clearcoat.at(surface).clamp(0.0, 1.0) },
             coat_roughness: self.clearcoat_roughness.at(surface).clamp(0.04, 1.0),
             tint,

@@ -6,7 +6,7 @@
 use super::energy::{Table, computed};
 use crate::shape::Surface;
 use crate::texture::{Color, Scalar};
-use diopter_light::{Sampled, Wavelengths};
+use diopter_light::{SampledSpectrum, SampledWavelengths};
 use glam::Vec3;
 use std::f32::consts::TAU;
 use std::sync::OnceLock;
@@ -21,7 +21,7 @@ pub struct Sheen {
 }
 
 impl Sheen {
-    pub(super) fn at(&self, surface: &Surface, wavelengths: &Wavelengths) -> Option<SheenLobe> {
+    pub(super) fn at(&self, surface: &Surface, wavelengths: &SampledWavelengths) -> Option<SheenLobe> {
         let most = self.color.linear_srgb(surface).max_element().clamp(0.0, 1.0);
         let roughness = self.roughness.at(surface).clamp(LEAST_ROUGHNESS, 1.0);
         (most > 0.0).then(|| SheenLobe { color: self.color.sample(surface, wavelengths), most, roughness })
@@ -34,7 +34,7 @@ const LEAST_ROUGHNESS: f32 = 0.07;
 /// Sheen at a point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SheenLobe {
-    color: Sampled,
+    color: SampledSpectrum,
     /// Largest of red, green and blue.
     most: f32,
     roughness: f32,
@@ -42,7 +42,7 @@ pub(super) struct SheenLobe {
 
 impl SheenLobe {
     /// f cos θ.
-    pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> Sampled {
+    pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> SampledSpectrum {
         self.color * scattered(wo, wi, self.roughness)
     }
 

@@ -10,7 +10,7 @@
 
 use super::scattered;
 use crate::material::microfacet::fresnel_dielectric;
-use diopter_light::random::{Sampler, SamplerKind, Set};
+use diopter_light::random::{Dimensions, Sampler, SamplerKind};
 use glam::Vec3;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -43,7 +43,7 @@ impl Orders {
         let mut counts = vec![0u32; LONGEST + 1];
         let mut entered = 0;
         for i in 0..WALKS {
-            let mut stream = Sampler::new(SamplerKind::Independent, 0x5eed, (0, 0), i, WALKS).stream(Set::Tracking(0));
+            let mut stream = Sampler::new(SamplerKind::Independent, 0x5eed, (0, 0), i, WALKS).stream(Dimensions::Tracking(0));
             // In: diffuse light, stratified in the square of the cosine.
             let cos = ((i as f32 + stream.draw()) / WALKS as f32).sqrt();
             if stream.draw() < fresnel_dielectric(cos, eta) {

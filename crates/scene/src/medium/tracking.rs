@@ -15,7 +15,7 @@ use super::volume::{Limits, Volume};
 use super::{DistanceSample, Medium, Sigma};
 use crate::russian_roulette::survives;
 use diopter_light::random::Stream;
-use diopter_light::{Ray, Sampled, Wavelengths};
+use diopter_light::{Ray, SampledSpectrum, SampledWavelengths};
 use glam::Vec3;
 
 /// Collisions after which a ray is let through what is left: far more than a body that can be rendered has.
@@ -28,7 +28,7 @@ const LITTLE: f32 = 0.1;
 pub(crate) struct Track<'a> {
     medium: &'a Medium,
     volume: &'a Volume,
-    wavelengths: &'a Wavelengths,
+    wavelengths: &'a SampledWavelengths,
     /// Coefficients where the factors are 1.
     sigma: Sigma,
     /// The ray in the volume's space; distances stay those of the world.
@@ -38,7 +38,7 @@ pub(crate) struct Track<'a> {
 }
 
 /// A stretch of a ray in one cell: where it begins and ends, and what is in the cell.
-struct Stretch<'a> {
+struct MajorantSegment<'a> {
     from: f32,
     to: f32,
     limits: &'a Limits,
@@ -46,7 +46,7 @@ struct Stretch<'a> {
 
 /// Walks through the cells that a ray meets, one after the other. Source: J. Amanatides, A. Woo 1987, "A Fast Voxel Traversal Algorithm for Ray
 /// Tracing".
-struct CellWalk {
+struct MajorantIterator {
     size: [usize; 3],
     cell: [usize; 3],
     /// Whether the ray goes towards lower cells.
@@ -59,7 +59,7 @@ struct CellWalk {
     is_over: bool,
 }
 
-impl CellWalk {
+impl MajorantIterator {
     fn new(track: &Track) -> Option<Self> {
         let (bounds, size) = (track.volume.bounds(), track.volume.cells());
         let count = Vec3::new(size[0] as f32, size[1] as f32, size[2] as f32);
@@ -88,11 +88,11 @@ impl CellWalk {
             v => (((cell[k] + usize::from(!backward[k])) as f32 - o[k]) / v).max(at),
         });
         let step = [0, 1, 2].map(|k: usize| if d[k] == 0.0 { f32::INFINITY } else { 1.0 / d[k].abs() });
-        Some(CellWalk { size, cell, backward, next, step, at, end, is_over: false })
+        Some(MajorantIterator { size, cell, backward, next, step, at, end, is_over: false })
     }
 
     #[inline]
-    fn next<'a>(&mut self, volume: &'a Volume) -> Option<Stretch<'a>> {
+    fn next<'a>(&mut self, volume: &'a Volume) -> Option<MajorantSegment<'a>> {
         if self.is_over {
             return None;
         }
@@ -114,7 +114,7 @@ impl CellWalk {
             self.next[k] += self.step[k];
             self.at = to;
         }
-        Some(Stretch { from, to, limits })
+        Some(MajorantSegment { from, to, limits })
     }
 }
 
@@ -125,7 +125,7 @@ impl<'a> Track<'a> {
         volume: &'a Volume,
         ray: &Ray,
         span: [f32; 2],
-        wavelengths: &'a Wavelengths,
+        wavelengths: &'a SampledWavelengths,
         time_s: f64,
     ) -> Self {
         let own_from_world = volume.place.own_from_world(time_s);
@@ -140,16 +140,16 @@ impl<'a> Track<'a> {
 
     /// Absorption and scattering at a distance, 1/m.
     #[inline]
-    fn coefficients(&self, t: f32) -> [Sampled; 2] {
+    fn coefficients(&self, t: f32) -> [SampledSpectrum; 2] {
         let [absorption, scattering] = self.volume.factors(self.at(t), self.wavelengths);
         [self.sigma.absorption * absorption, self.sigma.scattering * scattering]
     }
 
     /// Radiance that is emitted a metre at a distance.
-    fn emission(&self, t: f32) -> Sampled {
+    fn emission(&self, t: f32) -> SampledSpectrum {
         let p = self.at(t);
         let [absorption, _] = self.volume.factors(p, self.wavelengths);
-        if absorption == Sampled::ZERO {
+        if absorption == SampledSpectrum::ZERO {
             return absorption;
         }
         let radiance = self.volume.radiance(p, self.wavelengths, self.medium.emission.as_ref());
@@ -158,30 +158,35 @@ impl<'a> Track<'a> {
 
     /// The least (0) or the greatest (1) extinction in a cell, 1/m.
     #[inline]
-    fn extinction(&self, limits: &Limits, which: usize) -> Sampled {
+    fn extinction(&self, limits: &Limits, which: usize) -> SampledSpectrum {
         self.sigma.absorption * limits.absorption[which] + self.sigma.scattering * limits.scattering[which]
     }
 
     /// Follows a path of a throughput to its next scattering event or to the end; what is emitted on the way, as the path brings it, is added to
     /// `emitted`.
-    pub fn sample_distance(&self, throughput: Sampled, stream: &mut Stream, emitted: &mut Sampled) -> DistanceSample {
+    pub fn sample_distance(
+        &self,
+        throughput: SampledSpectrum,
+        stream: &mut Stream,
+        emitted: &mut SampledSpectrum,
+    ) -> DistanceSample {
         let total = throughput.element_sum();
         if !(total > 0.0) {
-            return DistanceSample::Through(Sampled::ONE);
+            return DistanceSample::Through(SampledSpectrum::ONE);
         }
-        if self.sigma.scattering == Sampled::ZERO {
+        if self.sigma.scattering == SampledSpectrum::ZERO {
             return DistanceSample::Through(self.transmittance(stream, Some((throughput, emitted))));
         }
         let fraction = throughput / total;
         let lane = lane(fraction, stream.draw());
         let shines = self.volume.shines();
         // Densities of the path so far, as each of the wavelengths would have drawn it, up to a common factor.
-        let mut densities = Sampled::ONE;
+        let mut densities = SampledSpectrum::ONE;
         let mut collisions = 0;
-        let Some(mut walk) = CellWalk::new(self) else { return DistanceSample::Through(Sampled::ONE) };
+        let Some(mut walk) = MajorantIterator::new(self) else { return DistanceSample::Through(SampledSpectrum::ONE) };
         while let Some(stretch) = walk.next(self.volume) {
             let majorant = self.extinction(stretch.limits, 1);
-            if majorant == Sampled::ZERO {
+            if majorant == SampledSpectrum::ZERO {
                 continue;
             }
             let mut at = stretch.from;
@@ -205,7 +210,7 @@ impl<'a> Track<'a> {
                     let density = fraction.dot(densities * extinction);
                     return DistanceSample::Scattered(collision, weighted(densities * scattering, density));
                 }
-                densities = normalised(densities * (majorant - extinction).max(Sampled::ZERO));
+                densities = normalised(densities * (majorant - extinction).max(SampledSpectrum::ZERO));
                 if collisions > MOST_COLLISIONS {
                     return DistanceSample::Through(weighted(densities, fraction.dot(densities)));
                 }
@@ -216,9 +221,13 @@ impl<'a> Track<'a> {
     }
 
     /// Fraction of light that is left at the end, an estimate; what is emitted on the way, times a throughput, is added where asked for.
-    pub fn transmittance(&self, stream: &mut Stream, mut emitted: Option<(Sampled, &mut Sampled)>) -> Sampled {
-        let mut left = Sampled::ONE;
-        let Some(mut walk) = CellWalk::new(self) else { return left };
+    pub fn transmittance(
+        &self,
+        stream: &mut Stream,
+        mut emitted: Option<(SampledSpectrum, &mut SampledSpectrum)>,
+    ) -> SampledSpectrum {
+        let mut left = SampledSpectrum::ONE;
+        let Some(mut walk) = MajorantIterator::new(self) else { return left };
         let shines = emitted.is_some() && self.volume.shines();
         let mut collisions = 0;
         while let Some(stretch) = walk.next(self.volume) {
@@ -237,11 +246,12 @@ impl<'a> Track<'a> {
                     break;
                 }
                 let [absorption, scattering] = self.coefficients(collision);
-                left *= (Sampled::ONE - (absorption + scattering - everywhere) / rest).clamp(Sampled::ZERO, Sampled::ONE);
+                left *= (SampledSpectrum::ONE - (absorption + scattering - everywhere) / rest)
+                    .clamp(SampledSpectrum::ZERO, SampledSpectrum::ONE);
                 collisions += 1;
                 let most = left.max_element();
                 if most < LITTLE && !survives(&mut left, most / LITTLE, stream.draw()) {
-                    return Sampled::ZERO;
+                    return SampledSpectrum::ZERO;
                 }
                 if collisions > MOST_COLLISIONS {
                     return left;
@@ -255,12 +265,12 @@ impl<'a> Track<'a> {
 
 /// What a coefficient (1/m) leaves of a quantity after a distance, m.
 #[inline]
-fn attenuated(quantity: Sampled, coefficient: Sampled, distance: f32) -> Sampled {
+fn attenuated(quantity: SampledSpectrum, coefficient: SampledSpectrum, distance: f32) -> SampledSpectrum {
     quantity * (coefficient * -distance).exp()
 }
 
 /// The wavelength that a number between 0 and 1 draws by fractions of 1.
-fn lane(fraction: Sampled, mut u: f32) -> usize {
+fn lane(fraction: SampledSpectrum, mut u: f32) -> usize {
     let fraction = fraction.to_array();
     let mut lane = 0;
     while lane < 3 && u >= fraction[lane] {
@@ -272,15 +282,15 @@ fn lane(fraction: Sampled, mut u: f32) -> usize {
 
 /// What a path brings over its density; nothing where that is below the smallest number.
 #[inline]
-fn weighted(brought: Sampled, density: f32) -> Sampled {
-    if density > 0.0 { brought / density } else { Sampled::ZERO }
+fn weighted(brought: SampledSpectrum, density: f32) -> SampledSpectrum {
+    if density > 0.0 { brought / density } else { SampledSpectrum::ZERO }
 }
 
 /// Divided by the largest: products of many factors stay in range.
 #[inline]
-fn normalised(densities: Sampled) -> Sampled {
+fn normalised(densities: SampledSpectrum) -> SampledSpectrum {
     let most = densities.max_element();
-    if most > 0.0 { densities / most } else { Sampled::ONE }
+    if most > 0.0 { densities / most } else { SampledSpectrum::ONE }
 }
 
 #[cfg(test)]
@@ -290,7 +300,7 @@ mod tests {
     use crate::medium::Coefficient;
     use crate::medium::volume::{Field, Glow, Grid, Scalars, Tint, VolumePlace};
     use diopter_light::Spectrum;
-    use diopter_light::random::{Sampler, SamplerKind, Set};
+    use diopter_light::random::{Dimensions, Sampler, SamplerKind};
     use diopter_light::spectrum::Table;
     use glam::Affine3A;
 
@@ -315,8 +325,8 @@ mod tests {
     }
 
     /// Mean over `n` streams of a function of a track along x from −1 to `far`, and its standard error.
-    fn mean(m: &Medium, far: f32, n: u32, f: impl Fn(&Track, &mut Stream) -> Sampled) -> [[f64; 2]; 4] {
-        let wavelengths = Wavelengths::fixed(NM);
+    fn mean(m: &Medium, far: f32, n: u32, f: impl Fn(&Track, &mut Stream) -> SampledSpectrum) -> [[f64; 2]; 4] {
+        let wavelengths = SampledWavelengths::fixed(NM);
         // Not along an axis: cells are crossed on all sides.
         let (from, to) = (Vec3::new(-1.0, -0.3, 0.2), Vec3::new(far, 0.4, -0.5));
         let ray = Ray { origin: from, direction: (to - from).normalize(), time_s: 0.0 };
@@ -324,7 +334,7 @@ mod tests {
         let track = Track::new(m, m.volume.as_ref().unwrap(), &ray, [0.0, reach], &wavelengths, 0.0);
         let (mut sum, mut squares) = ([0.0f64; 4], [0.0f64; 4]);
         for i in 0..n {
-            let mut stream = Sampler::new(SamplerKind::Independent, 3, (1, 2), i, n).stream(Set::Tracking(0));
+            let mut stream = Sampler::new(SamplerKind::Independent, 3, (1, 2), i, n).stream(Dimensions::Tracking(0));
             let v = f(&track, &mut stream);
             (0..4).for_each(|k| (sum[k], squares[k]) = (sum[k] + v[k] as f64, squares[k] + (v[k] as f64).powi(2)));
         }
@@ -361,7 +371,7 @@ mod tests {
     }
 
     fn extinction(m: &Medium) -> [f64; 4] {
-        m.at(&Wavelengths::fixed(NM)).extinction.to_array().map(f64::from)
+        m.at(&SampledWavelengths::fixed(NM)).extinction.to_array().map(f64::from)
     }
 
     #[test]
@@ -384,18 +394,19 @@ mod tests {
     fn flights_end_as_the_coefficients_say_at_every_wavelength() {
         let falling = |x: f32| (-1.2 * x).exp();
         let m = medium(colored(), Coefficient::grey(0.4), volume(24, falling, None));
-        let sigma = m.at(&Wavelengths::fixed(NM));
-        let throughput = Sampled::new(1.0, 0.5, 2.0, 0.3);
+        let sigma = m.at(&SampledWavelengths::fixed(NM));
+        let throughput = SampledSpectrum::new(1.0, 0.5, 2.0, 0.3);
         let left = extinction(&m).map(|s| (-s * depth(24, falling, 1.0)).exp());
         let n = 80_000;
-        let through = mean(&m, 1.0, n, |track, stream| match track.sample_distance(throughput, stream, &mut { Sampled::ZERO }) {
-            DistanceSample::Through(w) => w,
-            DistanceSample::Scattered(..) => Sampled::ZERO,
-        });
+        let through =
+            mean(&m, 1.0, n, |track, stream| match track.sample_distance(throughput, stream, &mut { SampledSpectrum::ZERO }) {
+                DistanceSample::Through(w) => w,
+                DistanceSample::Scattered(..) => SampledSpectrum::ZERO,
+            });
         assert_near(through, left, "through");
         let scattered =
-            mean(&m, 1.0, n, |track, stream| match track.sample_distance(throughput, stream, &mut { Sampled::ZERO }) {
-                DistanceSample::Through(_) => Sampled::ZERO,
+            mean(&m, 1.0, n, |track, stream| match track.sample_distance(throughput, stream, &mut { SampledSpectrum::ZERO }) {
+                DistanceSample::Through(_) => SampledSpectrum::ZERO,
                 DistanceSample::Scattered(_, w) => w,
             });
         let albedo = (sigma.scattering / sigma.extinction).to_array();
@@ -412,10 +423,11 @@ mod tests {
             }
             sum
         });
-        let found = mean(&m, 1.0, n, |track, stream| match track.sample_distance(throughput, stream, &mut { Sampled::ZERO }) {
-            DistanceSample::Through(_) => Sampled::ZERO,
-            DistanceSample::Scattered(t, w) => w * t,
-        });
+        let found =
+            mean(&m, 1.0, n, |track, stream| match track.sample_distance(throughput, stream, &mut { SampledSpectrum::ZERO }) {
+                DistanceSample::Through(_) => SampledSpectrum::ZERO,
+                DistanceSample::Scattered(t, w) => w * t,
+            });
         assert_near(found, [0, 1, 2, 3].map(|k| albedo[k] as f64 * moments[k]), "distances");
     }
 
@@ -442,8 +454,8 @@ mod tests {
         };
         let seen = |m: &Medium, n: u32| {
             mean(m, 1.0, n, |track, stream| {
-                let mut emitted = Sampled::ZERO;
-                track.sample_distance(Sampled::ONE, stream, &mut emitted);
+                let mut emitted = SampledSpectrum::ZERO;
+                track.sample_distance(SampledSpectrum::ONE, stream, &mut emitted);
                 emitted
             })
         };
@@ -455,7 +467,7 @@ mod tests {
             emission: Some(Spectrum::Constant(3.0)),
             ..medium(Coefficient::grey(0.8), colored(), volume(16, rising, scaled))
         };
-        let sigma = m.at(&Wavelengths::fixed(NM));
+        let sigma = m.at(&SampledWavelengths::fixed(NM));
         let fraction = (sigma.absorption / sigma.extinction).to_array();
         let total = extinction(&m);
         let expected = [0, 1, 2, 3].map(|k| 3.0 * fraction[k] as f64 * (1.0 - (-total[k] * depth).exp()));
@@ -476,18 +488,19 @@ mod tests {
         let length = 2.0 * stretch(1.0);
         let expected = NM.map(|nm| (-2.0 * 1.8 * unit.at(nm) as f64 * length).exp());
         assert_near(found, expected, "transmittance");
-        let through =
-            mean(&m, 1.0, n, |track, stream| match track.sample_distance(Sampled::ONE, stream, &mut { Sampled::ZERO }) {
+        let through = mean(&m, 1.0, n, |track, stream| {
+            match track.sample_distance(SampledSpectrum::ONE, stream, &mut { SampledSpectrum::ZERO }) {
                 DistanceSample::Through(w) => w,
-                DistanceSample::Scattered(..) => Sampled::ZERO,
-            });
+                DistanceSample::Scattered(..) => SampledSpectrum::ZERO,
+            }
+        });
         assert_near(through, expected, "flights");
     }
 
     #[test]
     fn rays_beside_a_volume_pass() {
         let m = medium(Coefficient::grey(1.0), Coefficient::NONE, volume(8, |_| 5.0, None));
-        let wavelengths = Wavelengths::fixed(NM);
+        let wavelengths = SampledWavelengths::fixed(NM);
         for (origin, direction, span) in [
             (Vec3::new(0.0, 3.0, 0.0), Vec3::X, [0.0, f32::INFINITY]),
             (Vec3::new(-9.0, 0.0, 0.0), Vec3::NEG_X, [0.0, f32::INFINITY]),
@@ -496,10 +509,10 @@ mod tests {
         ] {
             let ray = Ray { origin, direction, time_s: 0.0 };
             let track = Track::new(&m, m.volume.as_ref().unwrap(), &ray, span, &wavelengths, 0.0);
-            let mut stream = Sampler::new(SamplerKind::Independent, 3, (1, 2), 0, 1).stream(Set::Tracking(0));
-            assert_eq!(track.transmittance(&mut stream, None), Sampled::ONE);
-            let distance_sample = track.sample_distance(Sampled::ONE, &mut stream, &mut { Sampled::ZERO });
-            assert!(matches!(distance_sample, DistanceSample::Through(w) if w == Sampled::ONE));
+            let mut stream = Sampler::new(SamplerKind::Independent, 3, (1, 2), 0, 1).stream(Dimensions::Tracking(0));
+            assert_eq!(track.transmittance(&mut stream, None), SampledSpectrum::ONE);
+            let distance_sample = track.sample_distance(SampledSpectrum::ONE, &mut stream, &mut { SampledSpectrum::ZERO });
+            assert!(matches!(distance_sample, DistanceSample::Through(w) if w == SampledSpectrum::ONE));
         }
         // Through all of it, from far away and to infinity: 4 m less the fall at both ends.
         let ray = Ray { origin: Vec3::new(-900.0, 0.1, 0.1), direction: Vec3::X, time_s: 0.0 };
@@ -507,7 +520,7 @@ mod tests {
         let n = 4000;
         let left: f32 = (0..n)
             .map(|i| {
-                let mut stream = Sampler::new(SamplerKind::Independent, 3, (1, 2), i, n).stream(Set::Tracking(0));
+                let mut stream = Sampler::new(SamplerKind::Independent, 3, (1, 2), i, n).stream(Dimensions::Tracking(0));
                 track.transmittance(&mut stream, None).x
             })
             .sum();

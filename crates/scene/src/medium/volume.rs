@@ -15,7 +15,7 @@ use crate::noise::noise;
 use diopter_light::color::srgb_of_light;
 use diopter_light::spectrum::blackbody;
 use diopter_light::upsample::Sigmoid;
-use diopter_light::{Sampled, Spectrum, Wavelengths};
+use diopter_light::{SampledSpectrum, SampledWavelengths, Spectrum};
 use glam::{Affine3A, IVec3, Vec3};
 use rayon::prelude::*;
 use serde_json::Value;
@@ -277,7 +277,7 @@ impl Tint {
     }
 
     #[inline]
-    fn sample(&self, wavelengths: &Wavelengths) -> Sampled {
+    fn sample(&self, wavelengths: &SampledWavelengths) -> SampledSpectrum {
         self.sigmoid.sample(wavelengths) * self.scale
     }
 
@@ -412,32 +412,32 @@ impl Volume {
 
     /// Factors on absorption and scattering at a place of its space.
     #[inline]
-    pub(crate) fn factors(&self, p: Vec3, wavelengths: &Wavelengths) -> [Sampled; 2] {
+    pub(crate) fn factors(&self, p: Vec3, wavelengths: &SampledWavelengths) -> [SampledSpectrum; 2] {
         match &self.content.field {
-            Field::Density(scalars) => [Sampled::splat(scalars.at(p)); 2],
-            Field::Cloud(cloud) => [Sampled::splat(cloud.at(p)); 2],
+            Field::Density(scalars) => [SampledSpectrum::splat(scalars.at(p)); 2],
+            Field::Cloud(cloud) => [SampledSpectrum::splat(cloud.at(p)); 2],
             Field::Colors { absorption, scattering } => [absorption, scattering].map(|g| match g {
-                None => Sampled::ONE,
-                Some(grid) => grid.blend(p, Sampled::ZERO, |t| t.sample(wavelengths)),
+                None => SampledSpectrum::ONE,
+                Some(grid) => grid.blend(p, SampledSpectrum::ZERO, |t| t.sample(wavelengths)),
             }),
         }
     }
 
     /// Radiance of an endless depth of what is at a place of its space, W·m⁻²·sr⁻¹·nm⁻¹; `own`: the medium's own emission.
-    pub(super) fn radiance(&self, p: Vec3, wavelengths: &Wavelengths, own: Option<&Spectrum>) -> Sampled {
+    pub(super) fn radiance(&self, p: Vec3, wavelengths: &SampledWavelengths, own: Option<&Spectrum>) -> SampledSpectrum {
         match &self.content.glow {
-            None => Sampled::ZERO,
+            None => SampledSpectrum::ZERO,
             Some(Glow::Scaled(factor)) => {
-                let radiance = own.map_or(Sampled::ZERO, |s| s.sample_light(wavelengths));
+                let radiance = own.map_or(SampledSpectrum::ZERO, |s| s.sample_light(wavelengths));
                 factor.as_ref().map_or(radiance, |grid| radiance * grid.blend(p, 0.0, |v| *v))
             }
             Some(Glow::Colors(grid, factor)) => {
-                let color = grid.blend(p, Sampled::ZERO, |t| t.sample(wavelengths));
+                let color = grid.blend(p, SampledSpectrum::ZERO, |t| t.sample(wavelengths));
                 color * wavelengths.d65_one_nit() * *factor
             }
             Some(Glow::BlackBody { temperature, offset, factor, peak_radiance }) => {
                 let kelvin = (temperature.at(p) - offset) * factor;
-                if !(kelvin > COLDEST_K) { Sampled::ZERO } else { black_body(kelvin, wavelengths) * *peak_radiance }
+                if !(kelvin > COLDEST_K) { SampledSpectrum::ZERO } else { black_body(kelvin, wavelengths) * *peak_radiance }
             }
         }
     }
@@ -447,12 +447,12 @@ impl Volume {
 const WIEN_NM_K: f32 = 2.897_771_9e6;
 
 /// A black body's radiance over that at its brightest wavelength; of colours its linear sRGB.
-fn black_body(kelvin: f32, wavelengths: &Wavelengths) -> Sampled {
+fn black_body(kelvin: f32, wavelengths: &SampledWavelengths) -> SampledSpectrum {
     if wavelengths.is_rgb() {
-        return Wavelengths::lanes(black_body_rgb(kelvin));
+        return SampledWavelengths::lanes(black_body_rgb(kelvin));
     }
     let peak = 1.0 / blackbody(WIEN_NM_K / kelvin, kelvin);
-    Sampled::from_array(wavelengths.nm.to_array().map(|nm| blackbody(nm, kelvin) * peak))
+    SampledSpectrum::from_array(wavelengths.nm.to_array().map(|nm| blackbody(nm, kelvin) * peak))
 }
 
 /// Linear sRGB of the same, from a table over the reciprocal temperature, by which the logarithm of Wien's approximation is linear.

@@ -50,13 +50,13 @@ fn animations_end_as_asked() {
     let c = channel(AnimatedProperty::Translation, KeyInterpolation::Linear, &[0.0, 2.0], &[0., 0., 0., 2., 0., 0.]);
     let animations = [Animation { name: "x".into(), channels: vec![c] }];
     let at = |ending, frozen_at_s, t| {
-        let playing = Playing { animations: vec![0], ending, frozen_at_s };
+        let playing = AnimationPlayback { animations: vec![0], ending, frozen_at_s };
         Timeline::new(&nodes, &animations, &playing).world(0, t).translation.x
     };
-    assert_eq!(at(Ending::Clamp, None, 5.0), 2.0);
-    assert!((at(Ending::Loop, None, 5.0) - 1.0).abs() < 1e-6);
-    assert_eq!(at(Ending::Loop, Some(0.5), 5.0), 0.5);
-    let playing = Playing { animations: vec![0], ending: Ending::Loop, frozen_at_s: None };
+    assert_eq!(at(Extrapolation::Clamp, None, 5.0), 2.0);
+    assert!((at(Extrapolation::Loop, None, 5.0) - 1.0).abs() < 1e-6);
+    assert_eq!(at(Extrapolation::Loop, Some(0.5), 5.0), 0.5);
+    let playing = AnimationPlayback { animations: vec![0], ending: Extrapolation::Loop, frozen_at_s: None };
     let kinks = Timeline::new(&nodes, &animations, &playing).kinks([0], 3.0, 7.0, 100);
     assert!(kinks.contains(&4.0) && kinks.contains(&6.0) && kinks.len() <= 4, "{kinks:?}");
 }
@@ -74,7 +74,7 @@ fn corners_follow_their_joints_and_targets() {
     };
     let target = Target { positions: vec![Vec3::Z, Vec3::ZERO], ..Default::default() };
     let deformer = Deformer { mesh: 0, node: 0, targets: vec![target], weights: vec![0.5], skin: Some(skin) };
-    let playing = Playing::default();
+    let playing = AnimationPlayback::default();
     let pose = Timeline::new(&nodes, &[], &playing).pose(&deformer, &mesh, 0.0);
     assert_eq!(pose.positions, vec![Vec3::new(1.0, 0.0, 0.5), Vec3::new(2.0, 1.0, 0.0)]);
     assert_eq!(pose.normals, vec![Vec3::Z; 2]);

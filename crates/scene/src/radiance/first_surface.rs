@@ -1,6 +1,6 @@
 //! What a ray meets first.
 
-use super::to_light::{MOST_FACES, origin_behind};
+use super::to_light::{MAX_INTERFACES, origin_behind};
 use crate::scene::Scene;
 use crate::shape::Surface;
 use diopter_light::Ray;
@@ -30,17 +30,17 @@ impl Scene {
 
     /// The first surface along a ray that can be seen, faces of media left out; `t` counts from the ray's origin. `None` where it leaves the scene.
     pub fn first_visible(&self, ray: &Ray) -> Option<Surface> {
-        let (mut s, mut start, mut gone) = (self.intersect(ray, f32::INFINITY)?, ray.origin, 0.0);
+        let (mut s, mut start, mut traveled) = (self.intersect(ray, f32::INFINITY)?, ray.origin, 0.0);
         // Faces of media are not seen.
-        for _ in 0..MOST_FACES {
+        for _ in 0..MAX_INTERFACES {
             if !self.is_interface(&s) {
                 break;
             }
-            gone += s.t;
+            traveled += s.t;
             start = origin_behind(&s, ray.direction);
             s = self.intersect(&Ray { origin: start, ..*ray }, f32::INFINITY)?;
         }
-        s.t = if start == ray.origin { s.t } else { gone + s.t };
+        s.t = if start == ray.origin { s.t } else { traveled + s.t };
         Some(s)
     }
 }

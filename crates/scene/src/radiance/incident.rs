@@ -1,10 +1,10 @@
 //! Light that comes straight from a lamp to a point: what lens flare is computed from.
 
 use super::to_light::stream_along;
-use crate::light::{LightRef, Modulation, Spot};
+use crate::light::{LightPoint, LightRef, Modulation};
 use crate::medium_stack::MediumStack;
 use crate::scene::Scene;
-use diopter_light::{Sampled, Wavelengths};
+use diopter_light::{SampledSpectrum, SampledWavelengths};
 use glam::Vec3;
 
 /// Light of a lamp at a point.
@@ -15,7 +15,7 @@ pub struct Incident {
     /// Distance, m; infinite for lamps at infinity.
     pub distance: f32,
     /// Spectral irradiance on a plane that faces it, W·m⁻²·nm⁻¹, of a lamp that is as bright everywhere as at this place; without its modulation.
-    pub irradiance: Sampled,
+    pub irradiance: SampledSpectrum,
     /// How it changes with time.
     pub modulation: Modulation,
 }
@@ -28,15 +28,15 @@ impl Scene {
         lamp: LightRef,
         point: Vec3,
         u: [f32; 2],
-        wavelengths: &Wavelengths,
+        wavelengths: &SampledWavelengths,
         time_s: f32,
         thin_dielectrics: u32,
     ) -> Option<Incident> {
         let light_sample = self.sample_li(lamp, point, u, time_s)?;
         let modulation = match light_sample.spot {
-            Spot::Area(i, _) => self.description().materials[self.lights().area[i as usize].material as usize].modulation(),
-            Spot::Punctual(i) => self.lights().punctual[i as usize].modulation,
-            Spot::Environment(_) => Modulation::Steady,
+            LightPoint::Area(i, _) => self.description().materials[self.lights().area[i as usize].material as usize].modulation(),
+            LightPoint::Punctual(i) => self.lights().punctual[i as usize].modulation,
+            LightPoint::Environment(_) => Modulation::Steady,
         };
         let steady = self.steady_radiance(&light_sample, wavelengths, time_s) / light_sample.pdf;
         let (medium_stack, stream) = (MediumStack::default(), || stream_along(point, light_sample.wi));

@@ -6,13 +6,13 @@
 //! J. Křivánek, T. Hachisuka, D. Nowrouzezahrai & W. Jarosz 2013, "Joint Importance Sampling of Low-Order Volumetric Scattering", ACM TOG 32(6), §5.
 
 use super::medium_segment::MediumSegment;
-use super::prev_scatter::Start;
+use super::prev_scatter::SegmentStart;
 use crate::light::LightRef;
 use crate::light::segment::Pivot;
 use crate::medium_stack::MediumStack;
 use crate::scene::Scene;
-use diopter_light::random::Set;
-use diopter_light::{Ray, Sampled, sampling};
+use diopter_light::random::Dimensions;
+use diopter_light::{Ray, SampledSpectrum, sampling};
 use glam::Vec3;
 use std::f32::consts::{PI, TAU};
 
@@ -22,7 +22,7 @@ const RAREST: f32 = 0.1;
 /// Optical depth to a light from which on it is sought always.
 const DEEP: f32 = 0.5;
 
-impl Start {
+impl SegmentStart {
     /// Density of a direction by joint samples of a light, its choice included, 1/sr; `extinction`: mean of the medium, 1/m.
     pub fn joint(&self, scene: &Scene, light: LightRef, pivot: &Pivot, direction: Vec3, extinction: f32, flash: bool) -> f32 {
         let to = pivot.position - self.point;
@@ -56,17 +56,17 @@ impl Vertex<'_> {
     /// weighted by it.
     pub fn joint(
         &self,
-        throughput: Sampled,
-        scatter: impl Fn(Vec3) -> (Sampled, f32),
+        throughput: SampledSpectrum,
+        scatter: impl Fn(Vec3) -> (SampledSpectrum, f32),
         leave: impl Fn(Vec3) -> (Vec3, MediumStack),
-        add: impl FnOnce(Sampled, u32, Vec3),
+        add: impl FnOnce(SampledSpectrum, u32, Vec3),
     ) -> bool {
         let s = self.segment;
         let scene = s.scene;
         if self.depth + 2 > s.settings.max_depth || !scene.lights().has_finite(s.flash) {
             return false;
         }
-        let mut stream = s.sampler.stream(Set::Joint(s.vertex));
+        let mut stream = s.sampler.stream(Dimensions::Joint(s.vertex));
         let [choice, polar, around, taken, along, x, y] = [(); 7].map(|()| stream.draw());
         let Some((light, _)) = scene.lights().choose(self.point, Vec3::ZERO, choice, s.flash) else { return true };
         let Some(pivot) = scene.pivot(light, s.ray.time_s) else { return true };
@@ -81,7 +81,7 @@ impl Vertex<'_> {
         let (u, v) = sampling::frame(axis);
         let direction = (u * (sin * a) + v * (sin * b) + axis * cos).normalize();
         let (f, density) = scatter(direction);
-        if f == Sampled::ZERO || !(density > 0.0) {
+        if f == SampledSpectrum::ZERO || !(density > 0.0) {
             return true;
         }
         let (origin, medium_stack) = leave(direction);
@@ -92,10 +92,10 @@ impl Vertex<'_> {
         if !std::ptr::eq(medium, s.medium) {
             return true;
         }
-        let start = Some(Start { point: self.point, density });
+        let start = Some(SegmentStart { point: self.point, density });
         let onward = MediumSegment { medium, span, ray, medium_stack, vertex: s.vertex + 1, depth: self.depth + 1, start, ..*s };
         // Over the density of the path's direction: the weights compare with it.
-        if let Some(shadow_ray) = onward.jointly(light, throughput * f / density, [along, x, y]) {
+        if let Some(shadow_ray) = onward.sample_light_jointly(light, throughput * f / density, [along, x, y]) {
             add(shadow_ray.light, self.depth + 2 + shadow_ray.thin_dielectrics, direction);
         }
         true

@@ -18,7 +18,7 @@
 
 use super::joint::Vertex;
 use super::medium_segment::MediumSegment;
-use super::prev_scatter::{PrevScatter, Start};
+use super::prev_scatter::{PrevScatter, SegmentStart};
 use super::tally::Tally;
 use super::to_light::ShadowRay;
 use super::weights::mis;
@@ -28,8 +28,8 @@ use crate::medium::tracking::Track;
 use crate::medium::{DistanceSample, Sigma, Volume, phase, scattered};
 use crate::russian_roulette::{self, MOST_SURVIVAL};
 use crate::scene::Scene;
-use diopter_light::random::Set;
-use diopter_light::{Ray, Sampled};
+use diopter_light::random::Dimensions;
+use diopter_light::{Ray, SampledSpectrum};
 use glam::Vec3;
 
 /// Optical depth beyond which lights are left to the other strategies: 1e-7 of the light is left there.
@@ -46,7 +46,7 @@ const WIDE: f32 = 0.5;
 const RAREST: f32 = 0.05;
 
 /// How a path goes on behind a segment in a medium.
-pub(super) enum After {
+pub(super) enum SegmentOutcome {
     /// It reaches the end of the segment.
     Through,
     /// It goes on elsewhere.
@@ -56,7 +56,7 @@ pub(super) enum After {
         /// The vertex, where lights were sampled from there.
         last: Option<PrevScatter>,
         /// The segment on which the vertex lies.
-        on: ScatteredOn,
+        on: MediumScatter,
     },
     /// It brings no more.
     Ended,
@@ -69,7 +69,7 @@ struct Inscatter {
     asymmetry: f32,
     /// Mean extinction, 1/m.
     extinction: f32,
-    start: Option<Start>,
+    start: Option<SegmentStart>,
     /// Whether a sample is taken whatever the light sees of the segment.
     always: bool,
     time_s: f32,
@@ -78,7 +78,7 @@ struct Inscatter {
 
 /// A segment on which a path was scattered: what equi-angular sampling would have done there.
 #[derive(Clone, Copy)]
-pub(super) struct ScatteredOn {
+pub(super) struct MediumScatter {
     inscatter: Option<Inscatter>,
     /// Distance of the vertex, m.
     distance: f32,
@@ -86,7 +86,7 @@ pub(super) struct ScatteredOn {
     density: f32,
 }
 
-impl ScatteredOn {
+impl MediumScatter {
     /// Density of an equi-angular sample of a light at the vertex over that of the vertex, the density of the direction not included.
     #[inline]
     pub fn equiangular(&self, scene: &Scene, light: LightRef) -> f32 {
@@ -127,7 +127,7 @@ impl Inscatter {
 
 impl MediumSegment<'_> {
     /// Adds the light of the segment to `radiance`, and takes the path on.
-    pub fn take(&self, throughput: &mut Sampled, eta_scale: f32, radiance: &mut impl Tally) -> After {
+    pub fn sample(&self, throughput: &mut SampledSpectrum, eta_scale: f32, radiance: &mut impl Tally) -> SegmentOutcome {
         if let Some(volume) = &self.medium.volume {
             return self.track(volume, throughput, eta_scale, radiance);
         }
@@ -139,71 +139,83 @@ impl MediumSegment<'_> {
         }
         let before = *throughput;
         let inscatter = self.inscatter(&sigma, before);
-        let [u, v, w, _] = self.sampler.get(Set::Medium(self.segment_index));
+        let [u, v, w, _] = self.sampler.get(Dimensions::Medium(self.segment_index));
         if let Some(inscatter) = &inscatter {
             self.add(radiance, self.equiangular(inscatter, &sigma, before, w));
         }
         let distance = match sigma.sample_distance(far - near, [u, v], before) {
             DistanceSample::Through(weight) => {
                 *throughput *= weight;
-                return After::Through;
+                return SegmentOutcome::Through;
             }
             DistanceSample::Scattered(distance, weight) => {
                 *throughput *= weight;
                 distance
             }
         };
-        let on = ScatteredOn { inscatter, distance: near + distance, density: sigma.density(distance, before) };
+        let on = MediumScatter { inscatter, distance: near + distance, density: sigma.density(distance, before) };
         self.scatter(on, throughput, eta_scale, radiance)
     }
 
     /// The same in a medium that differs from place to place.
-    fn track(&self, volume: &Volume, throughput: &mut Sampled, eta_scale: f32, radiance: &mut impl Tally) -> After {
+    fn track(
+        &self,
+        volume: &Volume,
+        throughput: &mut SampledSpectrum,
+        eta_scale: f32,
+        radiance: &mut impl Tally,
+    ) -> SegmentOutcome {
         let moment_s = self.scene.moment_s(self.ray.time_s);
         let track = Track::new(self.medium, volume, &self.ray, self.span, self.wavelengths, moment_s);
-        let mut stream = self.sampler.stream(Set::Tracking(self.segment_index));
+        let mut stream = self.sampler.stream(Dimensions::Tracking(self.segment_index));
         match radiance.add_by(self.depth, |emitted| track.sample_distance(*throughput, &mut stream, emitted)) {
             DistanceSample::Through(weight) => {
                 *throughput *= weight;
-                After::Through
+                SegmentOutcome::Through
             }
             DistanceSample::Scattered(distance, weight) => {
                 *throughput *= weight;
-                let on = ScatteredOn { inscatter: None, distance, density: 1.0 };
+                let on = MediumScatter { inscatter: None, distance, density: 1.0 };
                 self.scatter(on, throughput, eta_scale, radiance)
             }
         }
     }
 
     /// Adds light that arrives where the path is scattered, and chooses where it goes on.
-    fn scatter(&self, on: ScatteredOn, throughput: &mut Sampled, eta_scale: f32, radiance: &mut impl Tally) -> After {
+    fn scatter(
+        &self,
+        on: MediumScatter,
+        throughput: &mut SampledSpectrum,
+        eta_scale: f32,
+        radiance: &mut impl Tally,
+    ) -> SegmentOutcome {
         if self.depth >= self.settings.max_depth || !(throughput.max_element() > 0.0) {
-            return After::Ended;
+            return SegmentOutcome::Ended;
         }
         let point = self.ray.at(on.distance);
         let aims = !self.medium.is_subsurface;
         if aims {
-            self.add(radiance, self.lit(&on, point, *throughput));
+            self.add(radiance, self.sample_ld(&on, point, *throughput));
         }
         let joint = (aims && self.medium.scatters_homogeneously()).then(|| {
             let phase = |direction: Vec3| {
                 let p = phase(self.ray.direction.dot(direction), self.medium.asymmetry);
-                (Sampled::splat(p), p)
+                (SampledSpectrum::splat(p), p)
             };
             let vertex = Vertex { segment: self, point, depth: self.depth };
-            let add = |light: Sampled, events: u32, _: Vec3| radiance.add(light, events);
+            let add = |light: SampledSpectrum, events: u32, _: Vec3| radiance.add(light, events);
             vertex.joint(*throughput, phase, |_| (point, self.medium_stack), add).then(|| self.medium_stack.medium(self.scene))
         });
         let joint = joint.flatten();
-        let u = self.sampler.get(Set::Scatter(self.vertex));
+        let u = self.sampler.get(Dimensions::Scatter(self.vertex));
         let (direction, density) = scattered(self.ray.direction, self.medium.asymmetry, [u[0], u[1]]);
         // Walks within bodies end at the surface: no need to end those that bring as much as they began with.
         let most = if aims { MOST_SURVIVAL } else { 1.0 };
         if !russian_roulette::goes_on(throughput, eta_scale, self.vertex + 1, u[3], self.settings.roulette_depth, most) {
-            return After::Ended;
+            return SegmentOutcome::Ended;
         }
-        let last = aims.then_some(PrevScatter { point, normal: Vec3::ZERO, density, gone: 0.0, joint });
-        After::Scattered { ray: Ray { origin: point, direction, time_s: self.ray.time_s }, last, on }
+        let last = aims.then_some(PrevScatter { point, normal: Vec3::ZERO, density, traveled: 0.0, joint });
+        SegmentOutcome::Scattered { ray: Ray { origin: point, direction, time_s: self.ray.time_s }, last, on }
     }
 
     /// Adds light of a lamp that is scattered on this segment.
@@ -214,9 +226,9 @@ impl MediumSegment<'_> {
     }
 
     /// The segment for equi-angular samples; `None` where there is nothing to sample.
-    fn inscatter(&self, sigma: &Sigma, throughput: Sampled) -> Option<Inscatter> {
+    fn inscatter(&self, sigma: &Sigma, throughput: SampledSpectrum) -> Option<Inscatter> {
         let worth = throughput.element_sum() > 0.0 && self.depth < self.settings.max_depth && !self.medium.is_subsurface;
-        if sigma.scattering == Sampled::ZERO || !worth || !self.scene.lights().has_finite(self.flash) {
+        if sigma.scattering == SampledSpectrum::ZERO || !worth || !self.scene.lights().has_finite(self.flash) {
             return None;
         }
         let [near, far] = self.span;
@@ -232,9 +244,9 @@ impl MediumSegment<'_> {
     }
 
     /// Light of a lamp that is scattered into the ray, by an equi-angular sample; `None` where there is none. `u` decides whether it is taken.
-    fn equiangular(&self, inscatter: &Inscatter, sigma: &Sigma, throughput: Sampled, u: f32) -> Option<ShadowRay> {
+    fn equiangular(&self, inscatter: &Inscatter, sigma: &Sigma, throughput: SampledSpectrum, u: f32) -> Option<ShadowRay> {
         let (scene, segment) = (self.scene, &inscatter.segment);
-        let [choice, along, place @ ..] = self.sampler.get(Set::Inscatter(self.segment_index));
+        let [choice, along, place @ ..] = self.sampler.get(Dimensions::Inscatter(self.segment_index));
         let (light, chosen) = scene.lights().choose_along(segment, choice, self.flash)?;
         let pivot = scene.pivot(light, self.ray.time_s)?;
         let fraction = inscatter.fraction(&pivot);
@@ -250,7 +262,7 @@ impl MediumSegment<'_> {
 
     /// Light of a lamp that is scattered into the ray, whose direction was drawn about the lamp; `None` where there is none. `throughput`: as of a path that had drawn
     /// the direction itself; `u`: for the distance and the point on the lamp.
-    pub(super) fn jointly(&self, light: LightRef, throughput: Sampled, u: [f32; 3]) -> Option<ShadowRay> {
+    pub(super) fn sample_light_jointly(&self, light: LightRef, throughput: SampledSpectrum, u: [f32; 3]) -> Option<ShadowRay> {
         let sigma = self.medium.at(self.wavelengths);
         let inscatter = self.inscatter(&sigma, throughput)?;
         let pivot = self.scene.pivot(light, self.ray.time_s)?;
@@ -269,7 +281,7 @@ impl MediumSegment<'_> {
         &self,
         inscatter: &Inscatter,
         sigma: &Sigma,
-        throughput: Sampled,
+        throughput: SampledSpectrum,
         light: LightRef,
         distance: f32,
         [density, other]: [f32; 2],
@@ -292,9 +304,9 @@ impl MediumSegment<'_> {
     }
 
     /// Light that arrives at a scattering vertex, by next-event estimation; `None` where there is none.
-    fn lit(&self, on: &ScatteredOn, point: Vec3, throughput: Sampled) -> Option<ShadowRay> {
+    fn sample_ld(&self, on: &MediumScatter, point: Vec3, throughput: SampledSpectrum) -> Option<ShadowRay> {
         let scene = self.scene;
-        let u = self.sampler.get(Set::Light(self.vertex));
+        let u = self.sampler.get(Dimensions::Light(self.vertex));
         let (light, probability) = scene.lights().choose(point, Vec3::ZERO, u[2], self.flash)?;
         let light_sample = scene.sample_li(light, point, [u[0], u[1]], self.ray.time_s)?;
         let phase = phase(self.ray.direction.dot(light_sample.wi), self.medium.asymmetry);
@@ -306,9 +318,9 @@ impl MediumSegment<'_> {
     }
 
     /// What is left of light from a lamp at a place of the segment.
-    fn transmitted_from_light(&self, point: Vec3, light: Sampled, light_sample: &crate::light::LightSample) -> ShadowRay {
+    fn transmitted_from_light(&self, point: Vec3, light: SampledSpectrum, light_sample: &crate::light::LightSample) -> ShadowRay {
         let thin_dielectrics = self.settings.max_depth - self.depth - 1;
-        let stream = || self.sampler.stream(Set::Transmittance(self.vertex));
+        let stream = || self.sampler.stream(Dimensions::Transmittance(self.vertex));
         // What panes do to the polarisation is lost where the medium scatters.
         self.scene.shadow_ray(
             &mut (),

@@ -1,12 +1,12 @@
 //! A segment of a path in a medium.
 
 use super::PathSettings;
-use super::prev_scatter::Start;
+use super::prev_scatter::SegmentStart;
 use crate::medium::Medium;
 use crate::medium_stack::MediumStack;
 use crate::scene::Scene;
 use diopter_light::random::Sampler;
-use diopter_light::{Ray, Wavelengths};
+use diopter_light::{Ray, SampledWavelengths};
 
 /// A segment of a path in a medium, ready to be taken.
 pub(super) struct MediumSegment<'a> {
@@ -16,7 +16,7 @@ pub(super) struct MediumSegment<'a> {
     pub span: [f32; 2],
     pub ray: Ray,
     pub medium_stack: MediumStack,
-    pub wavelengths: &'a Wavelengths,
+    pub wavelengths: &'a SampledWavelengths,
     pub sampler: &'a Sampler,
     pub settings: &'a PathSettings,
     /// Vertices so far.
@@ -28,5 +28,5 @@ pub(super) struct MediumSegment<'a> {
     /// Whether a flash is burning.
     pub flash: bool,
     /// Where it begins, if lights were sought about directions from there.
-    pub start: Option<Start>,
+    pub start: Option<SegmentStart>,
 }

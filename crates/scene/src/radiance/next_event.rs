@@ -8,15 +8,15 @@ use crate::light::LightSample;
 use crate::light_paths::LightVertices;
 use crate::light_paths::connect::CameraVertex;
 use crate::medium_stack::MediumStack;
-use diopter_light::Sampled;
-use diopter_light::random::Set;
+use diopter_light::SampledSpectrum;
+use diopter_light::random::Dimensions;
 use glam::Vec3;
 
 /// A light that was chosen for a vertex of a path. `V`: what a [`Tally`] keeps of the vertex.
 pub(super) struct LightConnection<V> {
     light_sample: LightSample,
     /// What comes into the path where nothing is on the way: radiance, with the weights of multiple importance sampling against chance alone.
-    contribution: Sampled,
+    contribution: SampledSpectrum,
     /// Where the vertex is, where the shadow ray starts, and the bodies that it starts in.
     point: Vec3,
     origin: Vec3,
@@ -48,17 +48,17 @@ impl<'a> Transport<'a> {
             && let Some(light_sample) = self.scene.sample_li(light, surface.point, [u[0], u[1]], time_s)
         {
             let (f, pdf) = bsdf.eval(light_sample.wi);
-            if f == Sampled::ZERO {
+            if f == SampledSpectrum::ZERO {
                 return;
             }
             let density = probability * light_sample.pdf;
             let by_chance = if light_sample.has_extent { squared_ratio(pdf, density) } else { 0.0 };
             let weight = 1.0 / (1.0 + by_chance);
-            let by_connection =
-                camera_vertex.map_or(0.0, |(pool, here)| here.beside_light_sample(pool, light, &light_sample, density));
+            let by_connection = camera_vertex
+                .map_or(0.0, |(pool, here)| here.connection_ratio_to_light_sample(pool, light, &light_sample, density));
             let incident = self.scene.incident_radiance(&light_sample, &path.camera.wavelengths, time_s);
             let contribution = path.throughput * f * incident * (weight / density);
-            if contribution == Sampled::ZERO {
+            if contribution == SampledSpectrum::ZERO {
                 return;
             }
             let (origin, medium_stack) = here.leave(self.scene, path.medium_stack, light_sample.wi);
@@ -85,7 +85,7 @@ impl<'a> Transport<'a> {
         let Some(connection) = &path.connection else { return };
         let &LightConnection { ref light_sample, contribution, by_chance, by_connection, depth, .. } = connection;
         let camera = path.camera;
-        let stream = || camera.sampler.stream(Set::Transmittance(connection.vertex));
+        let stream = || camera.sampler.stream(Dimensions::Transmittance(connection.vertex));
         let mut passed = T::ThinDielectrics::default();
         let shadow_ray = self.scene.shadow_ray(
             &mut passed,

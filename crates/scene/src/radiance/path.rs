@@ -7,25 +7,25 @@
 
 use super::cone::Cone;
 use super::joint::Vertex;
-use super::media::{After, ScatteredOn};
+use super::media::{MediumScatter, SegmentOutcome};
 use super::medium_segment::MediumSegment;
 use super::next_event::LightConnection;
 use super::prev_scatter::PrevScatter;
 use super::tally::Tally;
-use super::to_light::{MOST_FACES, origin_behind};
+use super::to_light::{MAX_INTERFACES, origin_behind};
 use super::weights::{mis, squared_ratio};
 use super::{CameraPath, PathSettings};
 use crate::light::LightRef;
-use crate::light_paths::connect::{CameraState, CameraVertex, Picked};
-use crate::light_paths::{LightVertices, PhotonMap, Tail};
+use crate::light_paths::connect::{CameraSubpath, CameraVertex, CandidateSet};
+use crate::light_paths::{CausticSuffix, LightVertices, PhotonMap};
 use crate::material::{Bsdf, Material, Principled, Scatter, Scattering};
 use crate::medium::Medium;
 use crate::medium_stack::{MediumId, MediumStack};
 use crate::russian_roulette::{self, MOST_SURVIVAL};
 use crate::scene::Scene;
 use crate::shape::Surface;
-use diopter_light::random::Set;
-use diopter_light::{Ray, Sampled};
+use diopter_light::random::Dimensions;
+use diopter_light::{Ray, SampledSpectrum};
 use glam::Vec3;
 
 /// What is the same for all paths.
@@ -44,8 +44,8 @@ pub(super) struct Path<'a, T: Tally> {
     /// Where it goes next.
     pub ray: Ray,
     cone: Cone,
-    pub throughput: Sampled,
-    /// Lanes that carry colours never disperse.
+    pub throughput: SampledSpectrum,
+    /// Whether its wavelengths stay together: RGB never disperses, and after dispersion the hero alone is left.
     hero_only: bool,
     /// Whether a flash is burning.
     pub flash: bool,
@@ -56,15 +56,15 @@ pub(super) struct Path<'a, T: Tally> {
     pub connection: Option<LightConnection<T::Vertex>>,
     last: Option<PrevScatter>,
     /// Where `last` is a vertex in a medium: the segment on which it lies.
-    scattered_on: Option<ScatteredOn>,
-    camera_state: CameraState,
-    /// What its vertices are connected with, chosen at the first that is.
-    picked: Option<Box<Picked>>,
-    tail: Tail,
+    medium_scatter: Option<MediumScatter>,
+    camera_subpath: CameraSubpath,
+    /// Candidates for connections, drawn once a path (Talbot et al. 2005).
+    candidate_set: Option<Box<CandidateSet>>,
+    suffix: CausticSuffix,
     /// Vertices so far.
     pub vertex: u32,
     /// Of them those within bodies, which do not count as scattering events.
-    walked: u32,
+    subsurface_events: u32,
     segment_index: u32,
     roulette_depth: u32,
     /// Product of the η² by which refraction scaled radiance; Russian roulette leaves it out (pbrt's `etaScale`).
@@ -75,7 +75,7 @@ impl<T: Tally> Path<'_, T> {
     /// Scattering events so far.
     #[inline]
     pub fn depth(&self) -> u32 {
-        self.vertex - self.walked
+        self.vertex - self.subsurface_events
     }
 }
 
@@ -126,19 +126,19 @@ impl<'a> Transport<'a> {
             tally,
             ray: camera.cone.ray,
             cone: Cone::new(&camera.cone),
-            throughput: Sampled::ONE,
+            throughput: SampledSpectrum::ONE,
             hero_only: camera.wavelengths.is_rgb(),
             flash: self.scene.flash_burns(camera.cone.ray.time_s),
             is_straight: true,
             medium_stack: MediumStack::default(),
             connection: None,
             last: None,
-            scattered_on: None,
-            camera_state: CameraState::NONE,
-            picked: None,
-            tail: Tail::default(),
+            medium_scatter: None,
+            camera_subpath: CameraSubpath::NONE,
+            candidate_set: None,
+            suffix: CausticSuffix::default(),
             vertex: 0,
-            walked: 0,
+            subsurface_events: 0,
             segment_index: 0,
             roulette_depth,
             eta_scale: 1.0,
@@ -185,7 +185,7 @@ impl<'a> Transport<'a> {
         let entering = surface.ng.dot(path.ray.direction) < 0.0;
         let hidden = path.medium_stack.hides(self.scene, surface.object, entering);
         if hidden || matches!(material.scattering, Scattering::Interface) {
-            return self.cross_face(path, surface, entering, hidden);
+            return self.cross_interface(path, surface, entering, hidden);
         }
         self.see_emission(path, material, surface);
         if path.depth() >= self.settings.max_depth {
@@ -208,21 +208,21 @@ impl<'a> Transport<'a> {
         }
         let start = path.last.and_then(|last| last.start(self.scene, medium));
         let segment = MediumSegment { start, ..self.segment(path, medium, span) };
-        match segment.take(&mut path.throughput, path.eta_scale, &mut path.tally) {
-            After::Through => {
-                path.camera_state.bar();
+        match segment.sample(&mut path.throughput, path.eta_scale, &mut path.tally) {
+            SegmentOutcome::Through => {
+                path.camera_subpath.block_light_paths();
                 None
             }
-            After::Ended => Some(Next::Ended),
-            After::Scattered { ray, last, on } => {
-                (path.ray, path.last, path.scattered_on) = (ray, last, Some(on));
-                (path.is_straight, path.camera_state) = (false, CameraState::NONE);
+            SegmentOutcome::Ended => Some(Next::Ended),
+            SegmentOutcome::Scattered { ray, last, on } => {
+                (path.ray, path.last, path.medium_scatter) = (ray, last, Some(on));
+                (path.is_straight, path.camera_subpath) = (false, CameraSubpath::NONE);
                 path.tally.depolarize();
-                path.tail.scatter_in(medium);
+                path.suffix.scatter_in(medium);
                 path.cone.forget();
                 path.vertex += 1;
-                path.walked += u32::from(medium.is_subsurface);
-                Some(if path.walked > LONGEST_WALK { Next::Ended } else { Next::GoesOn })
+                path.subsurface_events += u32::from(medium.is_subsurface);
+                Some(if path.subsurface_events > MAX_SUBSURFACE_EVENTS { Next::Ended } else { Next::GoesOn })
             }
         }
     }
@@ -253,7 +253,7 @@ impl<'a> Transport<'a> {
         let (depth, camera) = (path.depth(), path.camera);
         if medium.scatters_homogeneously()
             && depth < self.settings.max_depth
-            && (one_in == 1.0 || camera.sampler.get(Set::Medium(path.segment_index))[3] * one_in < 1.0)
+            && (one_in == 1.0 || camera.sampler.get(Dimensions::Medium(path.segment_index))[3] * one_in < 1.0)
         {
             let most_events = self.settings.max_depth - depth - 1;
             let light = photons.gather_along(&path.ray, span, medium, &camera.wavelengths, most_events);
@@ -275,10 +275,14 @@ impl<'a> Transport<'a> {
         }
         let from = last.map(|l| (l.point, l.normal));
         for (number, disc, density) in lights.discs(direction, from, wavelengths, flash) {
-            let left = path.camera.light_paths.photons.map_or(Sampled::ONE, |p| p.left_of_punctual(&path.tail, number));
+            let left = path
+                .camera
+                .light_paths
+                .photons
+                .map_or(SampledSpectrum::ONE, |p| p.punctual_emission_fraction(&path.suffix, number));
             let weight = last.map_or(1.0, |l| {
                 let disc = LightRef::Punctual(number);
-                let connected = |pool| path.camera_state.beside_hit(pool, disc, direction, 1.0);
+                let connected = |pool| path.camera_subpath.connection_ratio_to_hit(pool, disc, direction, 1.0);
                 let connected = path.camera.light_paths.vertices.map_or(0.0, connected);
                 1.0 / (1.0 + squared_ratio(density, l.density) + connected)
             });
@@ -287,15 +291,15 @@ impl<'a> Transport<'a> {
     }
 
     /// Goes through the face of a medium, or one that is not there.
-    fn cross_face<T: Tally>(&self, path: &mut Path<'a, T>, surface: &Surface, entering: bool, hidden: bool) -> Next {
-        if path.segment_index - path.walked > MOST_FACES {
+    fn cross_interface<T: Tally>(&self, path: &mut Path<'a, T>, surface: &Surface, entering: bool, hidden: bool) -> Next {
+        if path.segment_index - path.subsurface_events > MAX_INTERFACES {
             return Next::Ended;
         }
         path.medium_stack.cross(self.scene, surface.object, entering);
-        path.camera_state.bar();
-        // A hidden face stands in the way of light samples; then only chance finds the light.
+        path.camera_subpath.block_light_paths();
+        // A hidden interface blocks shadow rays: only a scattered ray finds that light, and counts in full.
         path.is_straight &= !hidden;
-        path.last = path.last.filter(|_| !hidden).map(|l| PrevScatter { gone: l.gone + surface.t, ..l });
+        path.last = path.last.filter(|_| !hidden).map(|l| PrevScatter { traveled: l.traveled + surface.t, ..l });
         path.ray.origin = origin_behind(surface, path.ray.direction);
         Next::GoesOn
     }
@@ -309,18 +313,18 @@ impl<'a> Transport<'a> {
             return;
         }
         let light = scene.light_at(surface);
-        let left = light_paths.photons.map_or(Sampled::ONE, |p| p.left_of_area(&path.tail, light));
-        let counts = path.camera.shown.as_ref().filter(|_| path.is_straight).map_or(1.0, |s| s.counts(surface));
+        let left = light_paths.photons.map_or(SampledSpectrum::ONE, |p| p.area_emission_fraction(&path.suffix, light));
+        let counts = path.camera.emitter_mis.as_ref().filter(|_| path.is_straight).map_or(1.0, |s| s.counts(surface));
         let weight = match (path.last, light) {
             (Some(l), Some(light)) => {
-                let aimed = scene.pdf_li(light, l.point, ray.direction, l.gone + surface.t, ray.time_s);
+                let aimed = scene.pdf_li(light, l.point, ray.direction, l.traveled + surface.t, ray.time_s);
                 let by_light = scene.lights().area_probability(l.point, l.normal, light, path.flash) * aimed;
                 let light = LightRef::Area(light);
-                match &path.scattered_on {
+                match &path.medium_scatter {
                     Some(on) if l.normal == Vec3::ZERO => mis(l.density, by_light.hypot(on.equiangular(scene, light) * aimed)),
                     _ => {
                         let cos = surface.ng.dot(ray.direction);
-                        let connected = |pool| path.camera_state.beside_hit(pool, light, ray.direction, cos);
+                        let connected = |pool| path.camera_subpath.connection_ratio_to_hit(pool, light, ray.direction, cos);
                         let connected = light_paths.vertices.map_or(0.0, connected);
                         1.0 / (1.0 + squared_ratio(by_light, l.density) + connected)
                     }
@@ -341,14 +345,15 @@ impl<'a> Transport<'a> {
         // What is known of light paths is taken before the path goes on.
         let camera_vertex = path.camera.light_paths.vertices.map(|pool| {
             let &SurfaceVertex { surface, material, around, bsdf, wo, .. } = here;
-            let arrival = path.camera_state.arrive(surface, path.ray.direction);
+            let vertex_mis = path.camera_subpath.mis_at(surface, path.ray.direction);
             let (medium_stack, wavelengths) = (path.medium_stack, &path.camera.wavelengths);
-            (pool, CameraVertex { surface, material, around, bsdf, wo, arrival, medium_stack, wavelengths })
+            (pool, CameraVertex { surface, material, around, bsdf, wo, vertex_mis, medium_stack, wavelengths })
         });
         if let Some((pool, camera_vertex)) = &camera_vertex {
             self.connect(path, camera_vertex, pool);
         }
-        let [light_numbers, scatter_numbers] = path.camera.sampler.get_two([Set::Light(path.vertex), Set::Scatter(path.vertex)]);
+        let [light_numbers, scatter_numbers] =
+            path.camera.sampler.get_two([Dimensions::Light(path.vertex), Dimensions::Scatter(path.vertex)]);
         self.choose_light(path, here, light_numbers, camera_vertex.as_ref());
         let joint = match path.medium_stack.span(self.scene, &path.ray, here.surface.t) {
             None => None,
@@ -379,10 +384,12 @@ impl<'a> Transport<'a> {
             return;
         }
         let sampler = &path.camera.sampler;
-        let picked = path.picked.get_or_insert_with(|| Box::new(Picked::new(pool, sampler.stream(Set::Connection(0)))));
-        let numbers = sampler.stream(Set::Connection(path.vertex + 1));
+        let candidate_set = path
+            .candidate_set
+            .get_or_insert_with(|| Box::new(CandidateSet::new(pool, sampler.stream(Dimensions::Connection(0)))));
+        let numbers = sampler.stream(Dimensions::Connection(path.vertex + 1));
         let most_events = self.settings.max_depth - depth - 1;
-        let light = here.connect(pool, picked, path.throughput, most_events, path.ray.time_s, numbers);
+        let light = here.connect(pool, candidate_set, path.throughput, most_events, path.ray.time_s, numbers);
         // Here and at the vertex of the light path.
         path.tally.add(light, depth + 2);
     }
@@ -403,7 +410,7 @@ impl<'a> Transport<'a> {
         let leave = |direction: Vec3| here.leave(self.scene, medium_stack, direction);
         let vertex = Vertex { segment: &segment, point: here.surface.point, depth: path.depth() };
         let tally = &mut path.tally;
-        let add = |light: Sampled, events: u32, wi: Vec3| {
+        let add = |light: SampledSpectrum, events: u32, wi: Vec3| {
             let vertex = tally.vertex(here.bsdf, here.wo, wi);
             // The medium depolarises it.
             tally.add_scattered(light, events, &vertex, &T::ThinDielectrics::default(), || None);
@@ -436,13 +443,13 @@ impl<'a> Transport<'a> {
                 path.cone.scatter(scatter.pdf);
                 // A normal of 0 stands for media, too: there is no segment here.
                 if bsdf.is_fiber() {
-                    path.scattered_on = None;
+                    path.medium_scatter = None;
                 }
                 let (point, normal) = (surface.point, bsdf.light_normal());
-                Some(PrevScatter { point, normal, density: scatter.pdf, gone: 0.0, joint })
+                Some(PrevScatter { point, normal, density: scatter.pdf, traveled: 0.0, joint })
             }
             // Light samples go through thin dielectrics, too.
-            true if passes_straight => path.last.map(|l| PrevScatter { gone: l.gone + surface.t, ..l }),
+            true if passes_straight => path.last.map(|l| PrevScatter { traveled: l.traveled + surface.t, ..l }),
             true => {
                 path.cone.forget();
                 None
@@ -452,16 +459,16 @@ impl<'a> Transport<'a> {
         if let Some(photons) = path.camera.light_paths.photons {
             match scatter.specular {
                 // Photons do not land on strands.
-                false if surface.is_strand() => path.tail = Tail::default(),
-                false => path.tail.scatter(bsdf, scatter.wi),
+                false if surface.is_strand() => path.suffix = CausticSuffix::default(),
+                false => path.suffix.scatter(bsdf, scatter.wi),
                 true if passes_straight => {}
-                true => path.tail.bend(photons.casts(surface.object)),
+                true => path.suffix.bend(photons.casts(surface.object)),
             }
         }
         if let Some(camera_vertex) = camera_vertex {
-            path.camera_state = match passes_straight {
-                true if bsdf.is_specular() => path.camera_state.through_thin_dielectric(),
-                true => CameraState::NONE,
+            path.camera_subpath = match passes_straight {
+                true if bsdf.is_specular() => path.camera_subpath.through_thin_dielectric(),
+                true => CameraSubpath::NONE,
                 false => camera_vertex.scattered(&scatter),
             };
         }
@@ -486,7 +493,7 @@ impl<'a> Transport<'a> {
 const SEGMENTS_A_GATHERING: f32 = 4.0;
 
 /// Scattering events within bodies after which a path is given up: of light in a half space that does not absorb one part in a hundred gets so far.
-const LONGEST_WALK: u32 = 8192;
+const MAX_SUBSURFACE_EVENTS: u32 = 8192;
 
 /// Scattering events before Russian roulette starts where each vertex is connected with light paths: what comes later brings less, and costs more (rooms lit by the
 /// sun: 0.7 of the time of 5, 1.19 of the squared error).
@@ -532,15 +539,16 @@ mod tests {
             let cameras: Vec<CameraPath> = (0..64)
                 .map(|i| {
                     let sampler = Sampler::new(SamplerKind::Sobol, 5, (i % 8, i / 8), 0, 1);
-                    let [u, v, ..] = sampler.get(Set::Camera);
+                    let [u, v, ..] = sampler.get(Dimensions::Camera);
                     let direction = Vec3::new(u - 0.5, v - 0.5, -1.0).normalize();
                     let ray = Ray { origin: Vec3::new(0.0, 1.0, 2.0), direction, time_s: 0.0 };
-                    CameraPath::new(ray, wavelengths.sample(sampler.get(Set::Time)[0]), sampler)
+                    CameraPath::new(ray, wavelengths.sample(sampler.get(Dimensions::Time)[0]), sampler)
                 })
                 .collect();
-            let alone: Vec<Sampled> = cameras.iter().map(|camera| transport.follow(camera, Sampled::ZERO)).collect();
-            assert!(alone.iter().any(|light| *light != Sampled::ZERO), "{name}");
-            assert_eq!(transport.follow_together(&cameras, || Sampled::ZERO), alone, "{name}");
+            let alone: Vec<SampledSpectrum> =
+                cameras.iter().map(|camera| transport.follow(camera, SampledSpectrum::ZERO)).collect();
+            assert!(alone.iter().any(|light| *light != SampledSpectrum::ZERO), "{name}");
+            assert_eq!(transport.follow_together(&cameras, || SampledSpectrum::ZERO), alone, "{name}");
         }
     }
 }

@@ -14,22 +14,22 @@ pub(super) struct PrevScatter {
     /// Density of the direction that was taken instead, 1/sr.
     pub density: f32,
     /// Distance from there to the start of the ray, m.
-    pub gone: f32,
+    pub traveled: f32,
     /// The medium in which lights were sought by joint samples from there ([`super::joint`]).
     pub joint: Option<MediumId>,
 }
 
 impl PrevScatter {
     /// Where a segment in a medium begins, if it begins here and lights were sought.
-    pub fn start(&self, scene: &Scene, medium: &Medium) -> Option<Start> {
+    pub fn start(&self, scene: &Scene, medium: &Medium) -> Option<SegmentStart> {
         let sought = self.joint.and_then(|id| scene.medium(id)).is_some_and(|m| std::ptr::eq(m, medium));
-        (self.gone == 0.0 && sought).then_some(Start { point: self.point, density: self.density })
+        (self.traveled == 0.0 && sought).then_some(SegmentStart { point: self.point, density: self.density })
     }
 }
 
 /// A scattering event with which a segment begins, from which lights were sought.
 #[derive(Clone, Copy)]
-pub(super) struct Start {
+pub(super) struct SegmentStart {
     pub point: Vec3,
     /// Density of the segment's direction, 1/sr.
     pub density: f32,

@@ -7,7 +7,7 @@
 use crate::light::environment::LinearlyPolarized;
 use crate::material::Bsdf;
 use crate::material::polarization::Event;
-use diopter_light::Sampled;
+use diopter_light::SampledSpectrum;
 use diopter_light::polarization::{Mueller, a_from_b};
 use glam::{Mat4, Vec3, Vec4};
 
@@ -36,20 +36,20 @@ pub(super) trait Tally {
     fn vertex(&self, bsdf: &Bsdf, wo: Vec3, wi: Vec3) -> Self::Vertex;
 
     /// Adds unpolarised light that arrives along the ray and was scattered so many times between lamp and camera.
-    fn add(&mut self, light: Sampled, events: u32);
+    fn add(&mut self, light: SampledSpectrum, events: u32);
 
     /// The same of what `work` adds to the sum of all light.
-    fn add_by<R>(&mut self, events: u32, work: impl FnOnce(&mut Sampled) -> R) -> R;
+    fn add_by<R>(&mut self, events: u32, work: impl FnOnce(&mut SampledSpectrum) -> R) -> R;
 
     /// The same of light that photons brought.
     #[inline]
-    fn add_photons(&mut self, light: Sampled, events: u32) {
+    fn add_photons(&mut self, light: SampledSpectrum, events: u32) {
         self.add(light, events);
     }
 
     /// The same of light that may be polarised.
     #[inline]
-    fn add_polarized(&mut self, light: Sampled, events: u32, _: impl FnOnce() -> Option<LinearlyPolarized>) {
+    fn add_polarized(&mut self, light: SampledSpectrum, events: u32, _: impl FnOnce() -> Option<LinearlyPolarized>) {
         self.add(light, events);
     }
 
@@ -57,7 +57,7 @@ pub(super) trait Tally {
     #[inline]
     fn add_scattered(
         &mut self,
-        light: Sampled,
+        light: SampledSpectrum,
         events: u32,
         _: &Self::Vertex,
         _: &Self::ThinDielectrics,
@@ -75,7 +75,7 @@ pub(super) trait Tally {
     fn depolarize(&mut self) {}
 }
 
-impl Tally for Sampled {
+impl Tally for SampledSpectrum {
     type ThinDielectrics = ();
     type Vertex = ();
 
@@ -83,24 +83,24 @@ impl Tally for Sampled {
     fn vertex(&self, _: &Bsdf, _: Vec3, _: Vec3) {}
 
     #[inline]
-    fn add(&mut self, light: Sampled, _: u32) {
+    fn add(&mut self, light: SampledSpectrum, _: u32) {
         *self += light;
     }
 
     #[inline]
-    fn add_by<R>(&mut self, _: u32, work: impl FnOnce(&mut Sampled) -> R) -> R {
+    fn add_by<R>(&mut self, _: u32, work: impl FnOnce(&mut SampledSpectrum) -> R) -> R {
         work(self)
     }
 }
 
 /// All light, and that of at most [`DIRECT_EVENTS`].
 #[derive(Default)]
-pub(super) struct Apart {
-    pub all: Sampled,
-    pub direct: Sampled,
+pub(super) struct DirectTally {
+    pub all: SampledSpectrum,
+    pub direct: SampledSpectrum,
 }
 
-impl Tally for Apart {
+impl Tally for DirectTally {
     type ThinDielectrics = ();
     type Vertex = ();
 
@@ -108,7 +108,7 @@ impl Tally for Apart {
     fn vertex(&self, _: &Bsdf, _: Vec3, _: Vec3) {}
 
     #[inline]
-    fn add(&mut self, light: Sampled, events: u32) {
+    fn add(&mut self, light: SampledSpectrum, events: u32) {
         self.all += light;
         if events <= DIRECT_EVENTS {
             self.direct += light;
@@ -116,7 +116,7 @@ impl Tally for Apart {
     }
 
     #[inline]
-    fn add_by<R>(&mut self, events: u32, work: impl FnOnce(&mut Sampled) -> R) -> R {
+    fn add_by<R>(&mut self, events: u32, work: impl FnOnce(&mut SampledSpectrum) -> R) -> R {
         let before = self.all;
         let result = work(&mut self.all);
         if events <= DIRECT_EVENTS {
@@ -128,12 +128,12 @@ impl Tally for Apart {
 
 /// All light, and that of photons.
 #[derive(Default)]
-pub(super) struct Gathered {
-    pub all: Sampled,
-    pub gathered: Sampled,
+pub(super) struct CausticTally {
+    pub all: SampledSpectrum,
+    pub gathered: SampledSpectrum,
 }
 
-impl Tally for Gathered {
+impl Tally for CausticTally {
     type ThinDielectrics = ();
     type Vertex = ();
 
@@ -141,17 +141,17 @@ impl Tally for Gathered {
     fn vertex(&self, _: &Bsdf, _: Vec3, _: Vec3) {}
 
     #[inline]
-    fn add(&mut self, light: Sampled, _: u32) {
+    fn add(&mut self, light: SampledSpectrum, _: u32) {
         self.all += light;
     }
 
     #[inline]
-    fn add_by<R>(&mut self, _: u32, work: impl FnOnce(&mut Sampled) -> R) -> R {
+    fn add_by<R>(&mut self, _: u32, work: impl FnOnce(&mut SampledSpectrum) -> R) -> R {
         work(&mut self.all)
     }
 
     #[inline]
-    fn add_photons(&mut self, light: Sampled, _: u32) {
+    fn add_photons(&mut self, light: SampledSpectrum, _: u32) {
         self.all += light;
         self.gathered += light;
     }
@@ -173,7 +173,7 @@ impl Polarized {
         Polarized { stokes: [Vec4::ZERO; 4], matrices: [Mat4::IDENTITY; 4], axis }
     }
 
-    fn sum(&mut self, light: Sampled, matrices: &[Mueller; 4], axis: Vec3, k: Vec3, source: Option<LinearlyPolarized>) {
+    fn sum(&mut self, light: SampledSpectrum, matrices: &[Mueller; 4], axis: Vec3, k: Vec3, source: Option<LinearlyPolarized>) {
         let arriving = match source {
             None => Vec4::X,
             Some(source) => a_from_b(axis, source.axis, k) * Vec4::new(1.0, source.degree, 0.0, 0.0),
@@ -201,26 +201,26 @@ pub(super) struct PolarizedVertex {
 }
 
 impl Tally for Polarized {
-    type ThinDielectrics = Passed;
+    type ThinDielectrics = ThinDielectricMueller;
     type Vertex = PolarizedVertex;
 
     fn vertex(&self, bsdf: &Bsdf, wo: Vec3, wi: Vec3) -> PolarizedVertex {
         PolarizedVertex { event: bsdf.polarization(wi, false), wo, wi, matrices: self.matrices, axis: self.axis }
     }
 
-    fn add(&mut self, light: Sampled, _: u32) {
+    fn add(&mut self, light: SampledSpectrum, _: u32) {
         let matrices = self.matrices;
         self.sum(light, &matrices, self.axis, Vec3::Z, None);
     }
 
-    fn add_by<R>(&mut self, events: u32, work: impl FnOnce(&mut Sampled) -> R) -> R {
-        let mut light = Sampled::ZERO;
+    fn add_by<R>(&mut self, events: u32, work: impl FnOnce(&mut SampledSpectrum) -> R) -> R {
+        let mut light = SampledSpectrum::ZERO;
         let result = work(&mut light);
         self.add(light, events);
         result
     }
 
-    fn add_polarized(&mut self, light: Sampled, _: u32, source: impl FnOnce() -> Option<LinearlyPolarized>) {
+    fn add_polarized(&mut self, light: SampledSpectrum, _: u32, source: impl FnOnce() -> Option<LinearlyPolarized>) {
         let source = source();
         let (matrices, axis) = (self.matrices, self.axis);
         // Perpendicular to both axes is the ray; its sign does not matter to light that is polarised linearly.
@@ -230,10 +230,10 @@ impl Tally for Polarized {
 
     fn add_scattered(
         &mut self,
-        light: Sampled,
+        light: SampledSpectrum,
         _: u32,
         vertex: &PolarizedVertex,
-        passed: &Passed,
+        passed: &ThinDielectricMueller,
         source: impl FnOnce() -> Option<LinearlyPolarized>,
     ) {
         let PolarizedVertex { event, wo, wi, matrices, axis } = vertex;
@@ -256,9 +256,9 @@ impl Tally for Polarized {
 
 /// The Mueller matrices of thin dielectrics that were passed, if any.
 #[derive(Default)]
-pub(super) struct Passed(Option<Event>);
+pub(super) struct ThinDielectricMueller(Option<Event>);
 
-impl ThinDielectrics for Passed {
+impl ThinDielectrics for ThinDielectricMueller {
     fn cross(&mut self, bsdf: &Bsdf, direction: Vec3) {
         let event = bsdf.polarization(direction, true);
         self.0 = Some(match &self.0 {

@@ -6,8 +6,8 @@ use crate::material::Scattering;
 use crate::medium_stack::MediumStack;
 use crate::scene::Scene;
 use crate::shape::Surface;
-use diopter_light::random::{Sampler, SamplerKind, Set, Stream, mix};
-use diopter_light::{Ray, Sampled, Wavelengths};
+use diopter_light::random::{Dimensions, Sampler, SamplerKind, Stream, mix};
+use diopter_light::{Ray, SampledSpectrum, SampledWavelengths};
 use glam::Vec3;
 
 impl Scene {
@@ -21,16 +21,16 @@ impl Scene {
     #[allow(clippy::too_many_arguments)]
     pub(crate) fn transmittance_to_light(
         &self,
-        light: Sampled,
+        light: SampledSpectrum,
         point: Vec3,
         origin: Vec3,
         light_sample: &LightSample,
         medium_stack: MediumStack,
-        wavelengths: &Wavelengths,
+        wavelengths: &SampledWavelengths,
         time_s: f32,
         thin_dielectrics: u32,
         stream: impl Fn() -> Stream,
-    ) -> Sampled {
+    ) -> SampledSpectrum {
         let stack = medium_stack;
         self.shadow_ray(&mut (), light, point, origin, light_sample, stack, wavelengths, time_s, thin_dielectrics, stream).light
     }
@@ -40,34 +40,34 @@ impl Scene {
     pub(crate) fn shadow_ray(
         &self,
         passed: &mut impl ThinDielectrics,
-        light: Sampled,
+        light: SampledSpectrum,
         point: Vec3,
         mut origin: Vec3,
         light_sample: &LightSample,
         mut medium_stack: MediumStack,
-        wavelengths: &Wavelengths,
+        wavelengths: &SampledWavelengths,
         time_s: f32,
         mut thin_dielectrics: u32,
         stream: impl Fn() -> Stream,
     ) -> ShadowRay {
-        let nothing = ShadowRay { light: Sampled::ZERO, is_barred: false, thin_dielectrics: 0 };
-        let mut is_barred = false;
+        let nothing = ShadowRay { light: SampledSpectrum::ZERO, is_blocked: false, thin_dielectrics: 0 };
+        let mut is_blocked = false;
         let most = thin_dielectrics;
-        if light == Sampled::ZERO {
+        if light == SampledSpectrum::ZERO {
             return nothing;
         }
         let end = point + light_sample.wi * light_sample.distance;
         let mut left = light;
         // One stream for all media on the way.
         let mut numbers = None;
-        for _ in 0..MOST_FACES {
+        for _ in 0..MAX_INTERFACES {
             // The start was moved off its surface: look at the same place of the lamp from there, and end before the lamp itself.
             let (direction, reach) = match light_sample.distance.is_finite() {
                 true => {
                     let to = end - origin;
                     let distance = to.length();
                     if distance <= light_sample.clearance {
-                        return ShadowRay { light: left, is_barred, thin_dielectrics: most - thin_dielectrics };
+                        return ShadowRay { light: left, is_blocked, thin_dielectrics: most - thin_dielectrics };
                     }
                     (to / distance, distance - light_sample.clearance)
                 }
@@ -92,17 +92,19 @@ impl Scene {
                 let Some(bsdf) = bsdf else { return nothing };
                 let Some(through) = bsdf.straight_through() else { return nothing };
                 left *= through;
-                is_barred |= !bsdf.is_specular();
+                is_blocked |= !bsdf.is_specular();
                 passed.cross(&bsdf, direction);
             } else {
-                is_barred |= face.is_some();
+                is_blocked |= face.is_some();
             }
             if let Some((medium, span)) = medium_stack.span(self, &ray, face.as_ref().map_or(reach, |f| f.t)) {
-                is_barred = true;
+                is_blocked = true;
                 let moment_s = self.moment_s(time_s);
                 left *= medium.transmittance(&ray, span, wavelengths, moment_s, || numbers.get_or_insert_with(&stream));
             }
-            let Some(face) = face else { return ShadowRay { light: left, is_barred, thin_dielectrics: most - thin_dielectrics } };
+            let Some(face) = face else {
+                return ShadowRay { light: left, is_blocked, thin_dielectrics: most - thin_dielectrics };
+            };
             medium_stack.cross(self, face.object, face.ng.dot(direction) < 0.0);
             origin = origin_behind(&face, direction);
         }
@@ -113,9 +115,9 @@ impl Scene {
 /// What a shadow ray leaves of light that was sampled.
 pub(crate) struct ShadowRay {
     /// Radiance, or what stands for it.
-    pub light: Sampled,
+    pub light: SampledSpectrum,
     /// Whether it went through what ends light paths: a medium, a face of one, a thin dielectric that scatters, too.
-    is_barred: bool,
+    is_blocked: bool,
     /// Thin dielectrics on the way.
     pub thin_dielectrics: u32,
 }
@@ -123,19 +125,19 @@ pub(crate) struct ShadowRay {
 impl ShadowRay {
     /// Whether light paths come along this way: through nothing, from infinitely far also through thin dielectrics.
     pub(super) fn lets_light_paths_through(&self, distance: f32) -> bool {
-        !self.is_barred && (self.thin_dielectrics == 0 || distance == f32::INFINITY)
+        !self.is_blocked && (self.thin_dielectrics == 0 || distance == f32::INFINITY)
     }
 }
 
 /// Most faces of media that a path goes through between two surfaces, and segments after which it is given up at such a face.
-pub(crate) const MOST_FACES: u32 = 4096;
+pub(crate) const MAX_INTERFACES: u32 = 4096;
 
 /// Numbers for the media on the way of light from a point that no sampler belongs to: by a hash of where the ray runs, as whether a surface with holes is
 /// met.
 pub(crate) fn stream_along(point: Vec3, direction: Vec3) -> Stream {
     let hash = |v: Vec3| v.to_array().iter().fold(0, |h, x| mix(h ^ x.to_bits()));
     let seed = u64::from(hash(point)) << 32 | u64::from(hash(direction));
-    Sampler::new(SamplerKind::Independent, seed, (0, 0), 0, 1).stream(Set::Transmittance(0))
+    Sampler::new(SamplerKind::Independent, seed, (0, 0), 0, 1).stream(Dimensions::Transmittance(0))
 }
 
 /// A start just behind a face that a ray goes through.

@@ -4,7 +4,7 @@
 //! it.
 
 use super::Writer;
-use crate::motion::{AnimatedProperty, Deformer, Ending, KeyInterpolation, Local, Timeline};
+use crate::motion::{AnimatedProperty, Deformer, Extrapolation, KeyInterpolation, Local, Timeline};
 use crate::scene::Description;
 use glam::{Affine3A, Mat4, Vec3};
 use serde_json::{Value, json};
@@ -167,8 +167,8 @@ impl<'a> MovingNodes<'a> {
             }
         }
         let ending = match self.d.playing.ending {
-            Ending::Clamp => "clamp",
-            Ending::Loop => "loop",
+            Extrapolation::Clamp => "clamp",
+            Extrapolation::Loop => "loop",
         };
         (all, json!({ "animations": playing, "ending": ending }))
     }

@@ -44,7 +44,7 @@ fn light_along_rays_stays_what_it_was() {
     let mean = |scene: &Scene, x: f32, y: f32| {
         let direction = view.transform_vector3(Vec3::new(x, y, -1.0)).normalize();
         let ray = diopter_light::Ray { origin: view.translation.into(), direction, time_s: 0.0 };
-        let rgb = diopter_light::Wavelengths::rgb();
+        let rgb = diopter_light::SampledWavelengths::rgb();
         (0..512)
             .map(|i| scene.radiance(ray, &rgb, &Sampler::new(SamplerKind::Sobol, 1, (0, 0), i, 512), &PathSettings::default()).y)
             .sum::<f32>()
@@ -230,7 +230,11 @@ fn unsayable() -> Description {
         ],
         environment: Some(environment),
         air: Some(Air { medium: smoke, bounds: Some(Bounds { min: Vec3::splat(-2.0), max: Vec3::splat(2.5) }) }),
-        cameras: vec![camera(Sight::Panorama), camera(Sight::Table(table)), camera(Sight::Perspective { vertical_fov: 0.7 })],
+        cameras: vec![
+            camera(CameraProjection::Panorama),
+            camera(CameraProjection::Table(table)),
+            camera(CameraProjection::Perspective { vertical_fov: 0.7 }),
+        ],
         max_depth: Some(12),
         ..Description::default()
     }
@@ -331,7 +335,7 @@ fn light_in_fog_and_glass_is_the_same_before_and_after() {
         let direction = view.transform_vector3(Vec3::new(x, y, -1.0)).normalize();
         let ray = diopter_light::Ray { origin: view.translation.into(), direction, time_s: 0.0 };
         let sampler = Sampler::new(SamplerKind::Independent, 3, (i, 7), 0, 1);
-        let wavelengths = diopter_light::Wavelengths::fixed([450.0, 520.0, 590.0, 660.0]);
+        let wavelengths = diopter_light::SampledWavelengths::fixed([450.0, 520.0, 590.0, 660.0]);
         let [a, b] = [&before, &after].map(|s| s.radiance(ray, &wavelengths, &sampler, &settings));
         assert_eq!(a.to_array().map(f32::to_bits), b.to_array().map(f32::to_bits), "{i}: {a} {b}");
         some += u32::from(a.max_element() > 0.0);

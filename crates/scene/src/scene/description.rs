@@ -4,7 +4,7 @@ use crate::bvh::Bounds;
 use crate::light::{Environment, Punctual};
 use crate::material::Material;
 use crate::medium::Air;
-use crate::motion::{Animation, Deformer, Motion, Node, Playing, Timeline};
+use crate::motion::{Animation, AnimationPlayback, Deformer, Motion, Node, Timeline};
 use crate::shape::{Curves, Mesh, Quad, Sphere, Splats};
 use crate::texture::Scalar;
 use glam::{Affine3A, Vec2, Vec3};
@@ -38,7 +38,7 @@ pub struct Description {
     /// How nodes move.
     pub animations: Vec<Animation>,
     /// Which of the animations run.
-    pub playing: Playing,
+    pub playing: AnimationPlayback,
     /// Meshes that bend.
     pub deformers: Vec<Deformer>,
     /// Other sets of materials that the file offers.
@@ -271,7 +271,7 @@ pub struct Viewpoint {
     /// Looks along −Z, +Y up.
     pub world_from_camera: Affine3A,
     /// How much of the world it sees.
-    pub sight: Sight,
+    pub sight: CameraProjection,
     /// Radius of the lens (0 of a pinhole) and distance of what is sharp, m, where the file says so.
     pub lens: Option<[f32; 2]>,
     /// What its file says of the film.
@@ -282,7 +282,7 @@ pub struct Viewpoint {
 
 /// How much of the world a camera sees.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Sight {
+pub enum CameraProjection {
     /// As through a small hole.
     Perspective {
         /// Vertical angle of view, rad.
@@ -316,7 +316,7 @@ impl Viewpoint {
     /// Vertical angle of view, rad, where it has one of its own.
     pub fn vertical_fov(&self) -> Option<f32> {
         match self.sight {
-            Sight::Perspective { vertical_fov } => Some(vertical_fov),
+            CameraProjection::Perspective { vertical_fov } => Some(vertical_fov),
             _ => None,
         }
     }

@@ -6,11 +6,11 @@ use crate::light::area::AreaShape;
 use crate::light::environment::LinearlyPolarized;
 use crate::light::segment::Pivot;
 use crate::light::tree::LightBounds;
-use crate::light::{LightRef, LightSample, Modulation, Spot};
+use crate::light::{LightPoint, LightRef, LightSample, Modulation};
 use crate::material::{Coverage, Emission, EmissionColor, Material};
 use crate::motion::Motion;
 use crate::shape::{Mesh, Quad, Surface};
-use diopter_light::{Sampled, Wavelengths};
+use diopter_light::{SampledSpectrum, SampledWavelengths};
 use glam::{Affine3A, Vec2, Vec3};
 use std::borrow::Cow;
 
@@ -92,15 +92,22 @@ impl Scene {
 
     /// Light that arrives along a light sample at a time of the exposure.
     #[inline]
-    pub(crate) fn incident_radiance(&self, light_sample: &LightSample, wavelengths: &Wavelengths, time_s: f32) -> Sampled {
+    pub(crate) fn incident_radiance(
+        &self,
+        light_sample: &LightSample,
+        wavelengths: &SampledWavelengths,
+        time_s: f32,
+    ) -> SampledSpectrum {
         let incident_radiance = self.steady_radiance(light_sample, wavelengths, time_s);
         if !self.flickers {
             return incident_radiance;
         }
         let modulation = match light_sample.spot {
-            Spot::Area(i, _) => self.description.materials[self.posed.lights.area[i as usize].material as usize].modulation(),
-            Spot::Punctual(i) => self.posed.lights.punctual[i as usize].modulation,
-            Spot::Environment(_) => Modulation::Steady,
+            LightPoint::Area(i, _) => {
+                self.description.materials[self.posed.lights.area[i as usize].material as usize].modulation()
+            }
+            LightPoint::Punctual(i) => self.posed.lights.punctual[i as usize].modulation,
+            LightPoint::Environment(_) => Modulation::Steady,
         };
         incident_radiance * modulation.at(self.posed.open_s, time_s)
     }
@@ -108,16 +115,21 @@ impl Scene {
     /// How light along a light sample is polarised, if it is: that of the sky alone.
     pub(crate) fn polarization(&self, light_sample: &LightSample) -> Option<LinearlyPolarized> {
         match light_sample.spot {
-            Spot::Environment(_) => self.posed.lights.environment.as_ref()?.polarization(light_sample.wi),
-            Spot::Area(..) | Spot::Punctual(_) => None,
+            LightPoint::Environment(_) => self.posed.lights.environment.as_ref()?.polarization(light_sample.wi),
+            LightPoint::Area(..) | LightPoint::Punctual(_) => None,
         }
     }
 
     /// The same of a lamp whose light does not change with time.
     #[inline]
-    pub(crate) fn steady_radiance(&self, light_sample: &LightSample, wavelengths: &Wavelengths, time_s: f32) -> Sampled {
+    pub(crate) fn steady_radiance(
+        &self,
+        light_sample: &LightSample,
+        wavelengths: &SampledWavelengths,
+        time_s: f32,
+    ) -> SampledSpectrum {
         match light_sample.spot {
-            Spot::Punctual(i) => match self.posed.animated.lights.get(i as usize) {
+            LightPoint::Punctual(i) => match self.posed.animated.lights.get(i as usize) {
                 Some(Some(track)) => {
                     let place = track.at(self.posed.animated.fraction(time_s));
                     self.posed.lights.punctual[i as usize].incident_radiance_placed(&place, light_sample, wavelengths)

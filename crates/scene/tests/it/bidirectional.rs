@@ -2,7 +2,7 @@
 
 use diopter_light::random::{Sampler, SamplerKind};
 use diopter_light::wavelength::WavelengthSampler;
-use diopter_light::{Ray, Spectrum, Wavelengths};
+use diopter_light::{Ray, SampledWavelengths, Spectrum};
 use diopter_scene::bvh::Bounds;
 use diopter_scene::light::{Punctual, PunctualKind, SpotEdge};
 use diopter_scene::light_paths::{CameraRays, ConnectionSettings, Connections, LightPaths, LightVertices};
@@ -79,7 +79,7 @@ fn view([a, b]: [f32; 2]) -> Ray {
 }
 
 /// Rays of the view by number, from which is learnt where the sun matters.
-fn camera_ray(number: u32) -> Option<(Ray, Wavelengths)> {
+fn camera_ray(number: u32) -> Option<(Ray, SampledWavelengths)> {
     let along = |step: f64| ((0.5 + step * f64::from(number)).fract()) as f32;
     Some((view([along(0.7549), along(0.5698)]), WavelengthSampler::rgb().sample(0.0)))
 }
@@ -98,8 +98,8 @@ fn look(scene: &Scene, connections: Option<&Connections>, n: u32, seed: u64, max
         let mut of_part = 0.0;
         for i in 0..n / PARTS {
             let sampler = Sampler::new(SamplerKind::Independent, seed, (part, 5), i, n);
-            let [a, b, w, _] = sampler.get(diopter_light::random::Set::Camera);
-            let wavelengths: Wavelengths = drawn.sample(w);
+            let [a, b, w, _] = sampler.get(diopter_light::random::Dimensions::Camera);
+            let wavelengths: SampledWavelengths = drawn.sample(w);
             let ray = view([a, b]);
             let light_paths = LightPaths { photons: None, vertices: pool.as_ref() };
             let l = scene.radiance_along(&CameraPath { light_paths, ..CameraPath::new(ray, wavelengths, sampler) }, &path)

@@ -2,7 +2,7 @@
 
 use diopter_light::random::{Sampler, SamplerKind};
 use diopter_light::spectrum::Table;
-use diopter_light::{Ray, Spectrum, Wavelengths};
+use diopter_light::{Ray, SampledWavelengths, Spectrum};
 use diopter_scene::bvh::Bounds;
 use diopter_scene::light::{Punctual, PunctualKind};
 use diopter_scene::light_paths::{CausticSettings, Caustics, Lamps, LightPaths, PhotonMap};
@@ -71,7 +71,7 @@ fn mean_along(
     n: u32,
     max_depth: u32,
 ) -> (f64, f64) {
-    let wavelengths = Wavelengths::fixed(NM);
+    let wavelengths = SampledWavelengths::fixed(NM);
     let path = PathSettings { max_depth, roulette_depth: max_depth };
     let (mut sum, mut squares) = (0.0, 0.0);
     for i in 0..n {
@@ -169,7 +169,7 @@ fn a_ball_of_glass_passes_on_all_power_by_fresnel() {
     let incident = 2.0 * std::f64::consts::PI * (1.0 - (1.0 - sin2).sqrt());
     for (depth, expected) in [(2, reflected), (3, reflected + through), (64, 1.0)] {
         let caustics = Caustics::new(&scene, settings(1 << 15, depth)).unwrap();
-        let power = caustics.map(0, 0).power(&Wavelengths::fixed(NM)).x;
+        let power = caustics.map(0, 0).power(&SampledWavelengths::fixed(NM)).x;
         let found = f64::from(power) / incident;
         // Photons choose between reflection and refraction: 3 σ of 2¹⁵ of them, and the room for rounding around the ball.
         let limit = 3.0 * (reflected * (1.0 - reflected) / f64::from(1 << 15)).sqrt() + 2e-3;
@@ -229,7 +229,7 @@ fn a_mirrored_beam_is_seen_in_fog() {
         let [s, a] = [scattering, absorption].map(Coefficient::grey);
         scene.fill_air(Some(fog(s, a, asymmetry, corners)));
         let caustics = Caustics::new(&scene, settings(1 << 18, 2)).unwrap();
-        let wavelengths = Wavelengths::fixed(NM);
+        let wavelengths = SampledWavelengths::fixed(NM);
         let path = PathSettings { max_depth: 2, roulette_depth: 2 };
         let (mut sum, mut expected, n) = (0.0, 0.0, 16_384);
         let (scattering, extinction, g) = (f64::from(scattering), f64::from(scattering + absorption), f64::from(asymmetry));
@@ -324,7 +324,7 @@ fn a_prism_bends_blue_farther_than_red() {
     let scene = Scene::build(description).unwrap();
     let caustics = Caustics::new(&scene, settings(1 << 17, 4)).unwrap();
     let map = caustics.map(50, 0);
-    let (wavelengths, path) = (Wavelengths::fixed(NM), PathSettings { max_depth: 4, roulette_depth: 9 });
+    let (wavelengths, path) = (SampledWavelengths::fixed(NM), PathSettings { max_depth: 4, roulette_depth: 9 });
     // The middle of each wavelength's light along x; what does not come through the prism is taken off.
     let (mut sum, mut moment) = ([0.0f64; 4], [0.0f64; 4]);
     let n = 300;
@@ -378,7 +378,7 @@ fn the_two_replicates_of_a_map_know_nothing_of_each_other() {
     // Half differences then claim the variance that the mean of both has over many maps.
     let scene = ball_and_lamp(grey("floor"), false);
     let caustics = Caustics::new(&scene, settings(2048, 12)).unwrap();
-    let wavelengths = Wavelengths::fixed(NM);
+    let wavelengths = SampledWavelengths::fixed(NM);
     let path = PathSettings { max_depth: 3, roulette_depth: 9 };
     let sampler = Sampler::new(SamplerKind::Sobol, 1, (0, 0), 0, 1);
     const MAPS: usize = 200;

@@ -1,8 +1,8 @@
 //! Direct light apart from all light: the same numbers as paths of one scattering event have.
 
-use diopter_light::random::{Sampler, SamplerKind, Set};
+use diopter_light::random::{Dimensions, Sampler, SamplerKind};
 use diopter_light::wavelength::WavelengthSampler;
-use diopter_light::{Ray, Sampled, Spectrum};
+use diopter_light::{Ray, SampledSpectrum, Spectrum};
 use diopter_scene::light::{Environment, Punctual, PunctualKind};
 use diopter_scene::light_paths::{CameraRays, CausticSettings, Caustics, ConnectionSettings, Connections, Lamps, LightPaths};
 use diopter_scene::material::conductor::FacetBounces;
@@ -83,7 +83,7 @@ fn direct_light_is_that_of_one_scattering_event_bit_by_bit() {
         let mut kinds = [0; 3];
         for i in 0..4000 {
             let sampler = Sampler::new(SamplerKind::Independent, 3, (7, 9), i, 4000);
-            let [a, b, w, _] = sampler.get(Set::Camera);
+            let [a, b, w, _] = sampler.get(Dimensions::Camera);
             let wavelengths = drawn.sample(w);
             let direction = Vec3::new(-0.6 + 1.2 * a, -0.5 + 1.0 * b, -1.0).normalize();
             let ray = Ray { origin: Vec3::new(0.0, 0.2, 2.0), direction, time_s: 0.0 };
@@ -100,15 +100,16 @@ fn direct_light_is_that_of_one_scattering_event_bit_by_bit() {
         // Many at a time are what each is alone.
         let along = |i: u32| {
             let sampler = Sampler::new(SamplerKind::Independent, 4, (7, 9), i, 64);
-            let [a, b, w, _] = sampler.get(Set::Camera);
+            let [a, b, w, _] = sampler.get(Dimensions::Camera);
             let direction = Vec3::new(-0.6 + 1.2 * a, -0.5 + 1.0 * b, -1.0).normalize();
             let ray = Ray { origin: Vec3::new(0.0, 0.2, 2.0), direction, time_s: 0.0 };
             CameraPath { light_paths, ..CameraPath::new(ray, drawn.sample(w), sampler) }
         };
         let paths: Vec<CameraPath> = (0..64).map(along).collect();
-        let alone: Vec<[Sampled; 2]> = paths.iter().map(|along| scene.radiance_and_direct_of(&[*along], &path)[0]).collect();
+        let alone: Vec<[SampledSpectrum; 2]> =
+            paths.iter().map(|along| scene.radiance_and_direct_of(&[*along], &path)[0]).collect();
         assert_eq!(scene.radiance_and_direct_of(&paths, &path), alone, "{name}");
-        let all: Vec<Sampled> = alone.iter().map(|[all, _]| *all).collect();
+        let all: Vec<SampledSpectrum> = alone.iter().map(|[all, _]| *all).collect();
         assert_eq!(scene.radiance_of(&paths, &path), all, "{name}");
         println!("{name}: {kinds:?}");
         assert!(kinds.iter().all(|n| *n > 100), "{name}: {kinds:?}");

@@ -1,7 +1,7 @@
 //! Pictures on surfaces seen by rays with a width: means, noise, and where nothing may change.
 
 use diopter_light::random::{Sampler, SamplerKind, mix, to_unit};
-use diopter_light::{Ray, Wavelengths};
+use diopter_light::{Ray, SampledWavelengths};
 use diopter_scene::light::Environment;
 use diopter_scene::material::{Bump, BumpUnit, Coverage, Material, Scattering};
 use diopter_scene::radiance::{CameraPath, RayCone};
@@ -37,7 +37,7 @@ fn ground(change: impl FnOnce(&mut Material)) -> Scene {
 
 /// Mean and variance of the light of a pixel, an angle wide, in a direction; `fraction` of a pixel is what a sample stands for.
 fn pixel(scene: &Scene, towards: Vec3, angle: f32, fraction: f32, n: u32) -> [f64; 2] {
-    let wavelengths = Wavelengths::fixed(NM);
+    let wavelengths = SampledWavelengths::fixed(NM);
     let white = wavelengths.d65_one_nit();
     let (s, t) = towards.normalize().any_orthonormal_pair();
     let settings = PathSettings { max_depth: 1, roulette_depth: 9 };

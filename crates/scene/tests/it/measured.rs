@@ -5,7 +5,7 @@ use crate::common::tables;
 
 use crate::common::{DEEP, assert_within, mean};
 use diopter_light::random::{mix, to_unit};
-use diopter_light::{Sampled, Wavelengths};
+use diopter_light::{SampledSpectrum, SampledWavelengths};
 use diopter_scene::light::Environment;
 use diopter_scene::load::{STAND_IN, mitsuba, pbrt, read_measured};
 use diopter_scene::material::{Bsdf, Material, Measured, Scattering};
@@ -38,7 +38,7 @@ fn single(w: V) -> Vec3 {
 }
 
 fn seen(material: &Material, wo: V) -> Bsdf<'_> {
-    material.bsdf(&level(), single(wo), &Wavelengths::fixed(NM), false, None).unwrap()
+    material.bsdf(&level(), single(wo), &SampledWavelengths::fixed(NM), false, None).unwrap()
 }
 
 /// φ from −π in so many steps of a turn's `part`.
@@ -79,7 +79,7 @@ fn pairs(count: u32) -> impl Iterator<Item = (V, V)> {
 }
 
 /// Means over directions: of f cos θ and of the density by the whole hemisphere, of weights and of what is kept by draws.
-fn balance(bsdf: &Bsdf, side: usize) -> (Sampled, f64, Sampled, f64) {
+fn balance(bsdf: &Bsdf, side: usize) -> (SampledSpectrum, f64, SampledSpectrum, f64) {
     let n = (side * side) as f64;
     let (mut albedo, mut pdf, mut drawn, mut kept) = ([0.0f64; 4], 0.0, [0.0f64; 4], 0.0);
     for i in 0..side * side {
@@ -95,7 +95,7 @@ fn balance(bsdf: &Bsdf, side: usize) -> (Sampled, f64, Sampled, f64) {
             kept += 1.0 / n;
         }
     }
-    (Sampled::from_array(albedo.map(|v| v as f32)), pdf, Sampled::from_array(drawn.map(|v| v as f32)), kept)
+    (SampledSpectrum::from_array(albedo.map(|v| v as f32)), pdf, SampledSpectrum::from_array(drawn.map(|v| v as f32)), kept)
 }
 
 /// Median and last decile of numbers.
@@ -138,7 +138,7 @@ fn tables_give_back_the_closed_forms_they_were_made_of() {
 
 #[test]
 fn merl_tables_have_their_published_scale_and_are_reciprocal() {
-    let red = Wavelengths::rgb();
+    let red = SampledWavelengths::rgb();
     for (wo, wi) in pairs(500) {
         let of = |a: V, b: V| {
             let bsdf = coated().bsdf(&level(), single(a), &red, false, None).unwrap();
@@ -272,7 +272,7 @@ fn colours_are_integrals_under_d65() {
     assert!((measured(&table).normal_reflectance() / rgb - 1.0).abs().max_element() < 0.01, "{rgb}");
     for (wo, wi) in pairs(50) {
         let [a, b] = [&table, &paint].map(|m| {
-            let bsdf = m.bsdf(&level(), single(wo), &Wavelengths::rgb(), false, None).unwrap();
+            let bsdf = m.bsdf(&level(), single(wo), &SampledWavelengths::rgb(), false, None).unwrap();
             bsdf.eval(single(wi)).0
         });
         assert!((a / a.y * b.y / b - 1.0).abs().max_element() < 2e-3, "{a}, {b}");
@@ -431,7 +431,7 @@ fn write_for_peers() {
             let (f, pdf) = bsdf.eval(single(wi));
             let u = [0, 1].map(|k| to_unit(mix(2 * i as u32 + k + 99_991)));
             let (s, w, s_pdf) =
-                bsdf.sample([u[0], u[1], 0.5, 0.0]).map_or((Vec3::ZERO, Sampled::ZERO, 0.0), |s| (s.wi, s.weight, s.pdf));
+                bsdf.sample([u[0], u[1], 0.5, 0.0]).map_or((Vec3::ZERO, SampledSpectrum::ZERO, 0.0), |s| (s.wi, s.weight, s.pdf));
             let [wo, wi] = [wo, wi].map(single);
             let numbers =
                 [&wo.to_array()[..], &wi.to_array(), &f.to_array(), &[pdf], &u, &s.to_array(), &w.to_array(), &[s_pdf]].concat();

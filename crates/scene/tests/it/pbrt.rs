@@ -3,7 +3,7 @@
 use diopter_light::random::{Sampler, SamplerKind};
 use diopter_light::spectrum::Table;
 use diopter_light::wavelength::WavelengthSampler;
-use diopter_light::{Ray, Sampled};
+use diopter_light::{Ray, SampledSpectrum};
 use diopter_scene::load::pbrt;
 use diopter_scene::material::Scattering;
 use diopter_scene::scene::Viewpoint;
@@ -30,9 +30,9 @@ fn luminance(scene: &Scene, ray: Ray, samples: u32) -> f64 {
     let mut sum = 0.0;
     for i in 0..samples {
         let sampler = Sampler::new(SamplerKind::Sobol, 1, (0, 0), i, samples);
-        let [w, ..] = sampler.get(diopter_light::random::Set::Time);
+        let [w, ..] = sampler.get(diopter_light::random::Dimensions::Time);
         let drawn = wavelengths.sample(w);
-        let light: Sampled = scene.radiance(ray, &drawn, &sampler, &PathSettings::default()) * drawn.weight;
+        let light: SampledSpectrum = scene.radiance(ray, &drawn, &sampler, &PathSettings::default()) * drawn.weight;
         let nm = drawn.nm.to_array();
         sum += light.to_array().iter().zip(nm).map(|(l, nm)| f64::from(l * curves[0].at(nm))).sum::<f64>();
     }
@@ -238,7 +238,7 @@ fn directions_mix_textures_by_how_a_surface_faces() {
 
 #[test]
 fn metals_given_as_rgb_reflect_what_fresnel_has_for_each_number() {
-    use diopter_light::Wavelengths;
+    use diopter_light::SampledWavelengths;
     let text = format!(
         "{HEAD}WorldBegin\n\
          Material \"conductor\" \"rgb eta\" [0.2 0.924 1.102] \"rgb k\" [3.912 2.447 2.137] Shape \"sphere\"\n\
@@ -250,7 +250,7 @@ fn metals_given_as_rgb_reflect_what_fresnel_has_for_each_number() {
         _ => panic!("a metal"),
     };
     let copper = metal(0);
-    let lanes = |s: &diopter_light::Spectrum| s.sample(&Wavelengths::rgb()).truncate();
+    let lanes = |s: &diopter_light::Spectrum| s.sample(&SampledWavelengths::rgb()).truncate();
     assert_eq!([lanes(&copper.n), lanes(&copper.k)], [Vec3::new(0.2, 0.924, 1.102), Vec3::new(3.912, 2.447, 2.137)]);
     // At normal incidence ((n − 1)² + k²) / ((n + 1)² + k²): 0.952, 0.619, 0.509.
     for (metal, expected) in [(copper, Vec3::new(0.9522, 0.6186, 0.5094)), (metal(1), Vec3::new(0.9, 0.5, 0.1))] {

@@ -2,7 +2,7 @@
 
 use diopter_light::polarization::{Stokes, degree_of_linear_polarization};
 use diopter_light::random::{Sampler, SamplerKind};
-use diopter_light::{Ray, Spectrum, Wavelengths};
+use diopter_light::{Ray, SampledWavelengths, Spectrum};
 use diopter_scene::daylight::{Daylight, sun};
 use diopter_scene::light::{Environment, Punctual, PunctualKind};
 use diopter_scene::material::conductor::FacetBounces;
@@ -17,7 +17,7 @@ const NM: [f32; 4] = [450.0, 520.0, 590.0, 660.0];
 
 /// Mean Stokes vector over `n` samples along a ray at 520 nm, relative to what an RGB light of 1 has; x along `axis`.
 fn mean(scene: &Scene, origin: Vec3, direction: Vec3, axis: Vec3, n: u32) -> Stokes {
-    let wavelengths = Wavelengths::fixed(NM);
+    let wavelengths = SampledWavelengths::fixed(NM);
     let white = wavelengths.d65_one_nit();
     let ray = Ray { origin, direction: direction.normalize(), time_s: 0.0 };
     let sum: Vec4 = (0..n)
@@ -96,7 +96,7 @@ fn two_plates_at_brewsters_angle_are_polariser_and_analyser() {
         let expected = 0.5 * s * s * turn.cos().powi(2);
         assert!((stokes.x - expected).abs() < 1e-5 && (stokes.y - expected).abs() < 1e-5, "{degrees}: {stokes} {expected}");
         let plain = {
-            let wavelengths = Wavelengths::fixed(NM);
+            let wavelengths = SampledWavelengths::fixed(NM);
             let sampler = Sampler::new(SamplerKind::Sobol, 5, (3, 4), 0, 1);
             let ray = Ray { origin: -incoming, direction: incoming, time_s: 0.0 };
             (scene.radiance(ray, &wavelengths, &sampler, &PathSettings::default()) / wavelengths.d65_one_nit()).y
@@ -154,7 +154,7 @@ fn the_sky_is_polarised_by_four_fifths_at_right_angles_to_the_sun() {
     let day = Daylight::new(place);
     let towards = day.direction();
     let mut d = Description::default();
-    day.put_into(&mut d);
+    day.add_to_scene(&mut d);
     let scene = Scene::build(d).unwrap();
     for (degrees, expected) in [(90.0f32, 0.8f32), (60.0, 0.8 * 0.75 / 1.25), (30.0, 0.8 * 0.25 / 1.75)] {
         let angle = degrees.to_radians();
@@ -174,7 +174,7 @@ fn the_sky_is_polarised_by_four_fifths_at_right_angles_to_the_sun() {
     let water = 1.333f32;
     let mut d =
         Description { materials: vec![black(water, 0.0)], objects: vec![plate(Vec3::ZERO, Vec3::Y, 0)], ..Default::default() };
-    low.put_into(&mut d);
+    low.add_to_scene(&mut d);
     let scene = Scene::build(d).unwrap();
     // The sun is in the north (−z); one looks east or west, where the sky is polarised upright at every height … and north, where it is polarised level.
     let angle = water.atan();
@@ -212,7 +212,7 @@ fn one_event_changes_no_intensity() {
     {
         let sphere = Object::new("ball", Shape::Sphere(Sphere { center: Vec3::ZERO, radius: 1.0 }), 0);
         let scene = uniform(vec![material], vec![sphere]);
-        let wavelengths = Wavelengths::fixed(NM);
+        let wavelengths = SampledWavelengths::fixed(NM);
         for i in 0..64 {
             let sampler = Sampler::new(SamplerKind::Sobol, 5, (3, 4), i, 64);
             let ray = Ray { origin: Vec3::new(0.6, 0.4, 5.0), direction: Vec3::NEG_Z, time_s: 0.0 };
@@ -254,7 +254,7 @@ fn stokes_vectors_are_those_of_another_program() {
         vec![metal(1.333, 0.0, 0.0), Material::glass("glass", 1.5, None), metal(0.6, 2.5, 0.0), metal(2.9, 3.0, 0.2)],
         vec![Object::new("floor", Shape::Quad(floor), 0), ball(-1.7, 0.0, 1), ball(0.0, -0.6, 2), ball(1.7, 0.0, 3)],
     );
-    let (origin, wavelengths, n) = (Vec3::new(0.0, 2.6, 6.0), Wavelengths::fixed(NM), 8192);
+    let (origin, wavelengths, n) = (Vec3::new(0.0, 2.6, 6.0), SampledWavelengths::fixed(NM), 8192);
     let white = wavelengths.d65_one_nit();
     let settings = PathSettings { max_depth: 12, roulette_depth: 100 };
     let mut wrong = Vec::new();

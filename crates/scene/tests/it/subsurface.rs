@@ -1,7 +1,7 @@
 //! Light that walks below a surface, against closed forms and the same medium taken as any other.
 
 use diopter_light::random::{Sampler, SamplerKind, mix, to_unit};
-use diopter_light::{Ray, Spectrum, Wavelengths, sampling};
+use diopter_light::{Ray, SampledWavelengths, Spectrum, sampling};
 use diopter_scene::light::{Environment, Punctual, PunctualKind};
 use diopter_scene::load;
 use diopter_scene::material::{Interior, Material, Principled, Scattering};
@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 /// Mean of the first wavelength's light along rays, relative to RGB light of 1, and its standard error.
 fn mean(scene: &Scene, n: u32, settings: &PathSettings, ray: impl Fn(u32) -> (Vec3, Vec3)) -> [f64; 2] {
-    let wavelengths = Wavelengths::fixed([450.0, 520.0, 590.0, 660.0]);
+    let wavelengths = SampledWavelengths::fixed([450.0, 520.0, 590.0, 660.0]);
     let white = wavelengths.d65_one_nit();
     let (mut sum, mut squares) = (0.0f64, 0.0f64);
     for i in 0..n {
@@ -114,7 +114,7 @@ fn media_below_surfaces_are_those_of_their_parameters() {
         Interior::Body { medium: Some(medium), .. } => medium,
         other => panic!("{material}: {other:?}"),
     };
-    let at = |c: &Coefficient| c.sample(&Wavelengths::rgb()).truncate();
+    let at = |c: &Coefficient| c.sample(&SampledWavelengths::rgb()).truncate();
     let skin = medium("\"string name\" \"Skin1\" \"float scale\" 10");
     assert!(skin.is_subsurface && at(&skin.scattering).abs_diff_eq(Vec3::new(7.4, 8.8, 10.1), 1e-2));
     assert!(at(&skin.absorption).abs_diff_eq(Vec3::new(0.32, 1.7, 4.8), 1e-2));

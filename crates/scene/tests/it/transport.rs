@@ -3,7 +3,7 @@
 use crate::common::level;
 
 use diopter_light::random::{Sampler, SamplerKind};
-use diopter_light::{Ray, Spectrum, Wavelengths};
+use diopter_light::{Ray, SampledWavelengths, Spectrum};
 use diopter_scene::light::Environment;
 use diopter_scene::light::{Punctual, PunctualKind, SpotEdge};
 use diopter_scene::material::conductor::FacetBounces;
@@ -22,7 +22,7 @@ const NM: [f32; 4] = [450.0, 520.0, 590.0, 660.0];
 
 /// Mean radiance over `n` samples along a ray, relative to what an RGB light of 1 has at each wavelength.
 fn mean(scene: &Scene, origin: Vec3, direction: Vec3, n: u32, settings: &PathSettings) -> [f64; 4] {
-    let wavelengths = Wavelengths::fixed(NM);
+    let wavelengths = SampledWavelengths::fixed(NM);
     let white = wavelengths.d65_one_nit();
     let ray = Ray { origin, direction: direction.normalize(), time_s: 0.0 };
     let mut sum = [0.0f64; 4];
@@ -227,7 +227,7 @@ fn grained_and_woven() -> Vec<(String, Material)> {
 fn both_ways(material: &Material, wo: Vec3) -> Option<[f64; 4]> {
     use diopter_light::random::{mix, to_unit};
     let surface = level();
-    let wavelengths = Wavelengths::fixed(NM);
+    let wavelengths = SampledWavelengths::fixed(NM);
     let bsdf = material.bsdf(&surface, wo, &wavelengths, false, None)?;
     let (n, mut sums) = (400u32, [0.0f64; 4]);
     for i in 0..n * n {
@@ -329,7 +329,7 @@ fn highlights_are_as_wide_as_their_grain() {
     });
     for (material, wide) in [(Material::new("m", Scattering::Conductor(c)), 0), (brushed, 1)] {
         let surface = level();
-        let wavelengths = Wavelengths::fixed(NM);
+        let wavelengths = SampledWavelengths::fixed(NM);
         let bsdf = material.bsdf(&surface, Vec3::Z, &wavelengths, false, None).unwrap();
         let n = 200;
         let mut slopes: [Vec<f32>; 2] = Default::default();
@@ -355,7 +355,7 @@ fn highlights_are_as_wide_as_their_grain() {
 
 #[test]
 fn a_body_thinner_than_what_is_around_it_reflects_totally_from_outside() {
-    let (surface, wavelengths, n) = (level(), Wavelengths::fixed(NM), 0.763f32);
+    let (surface, wavelengths, n) = (level(), SampledWavelengths::fixed(NM), 0.763f32);
     let at = |degrees: f32, side: f32| Vec3::new(degrees.to_radians().sin(), 0.0, side * degrees.to_radians().cos());
     // Fresnel's formulas for unpolarised light from an index of 1 into one of `eta`.
     let fresnel = |cos: f32, eta: f32| {
@@ -454,7 +454,7 @@ fn paths_of_colours_multiply_colours() {
     let (wall, light) = (Vec3::new(0.8, 0.3, 0.05), Vec3::new(17.0, 12.0, 4.0));
     let d = sphere(Material::new("wall", Scattering::Diffuse(Color::rgb(wall.x, wall.y, wall.z))));
     let scene = Scene::build(Description { environment: Some(Environment::uniform(light)), ..d }).unwrap();
-    let (rgb, n) = (Wavelengths::rgb(), 1024);
+    let (rgb, n) = (SampledWavelengths::rgb(), 1024);
     let mut sum = Vec3::ZERO;
     for i in 0..n {
         let sampler = Sampler::new(SamplerKind::Sobol, 5, (3, 4), i, n);
@@ -809,11 +809,11 @@ fn dispersion_keeps_the_mean_and_parts_the_colours() {
     let material = Material::new("flint", Scattering::Principled(Box::new(glass)));
     let even = Scene::build(Description { environment: Some(Environment::uniform(Vec3::ONE)), ..sphere(material) }).unwrap();
     // Each wavelength takes its turn as hero: the mean over the four rotations is what a path has on average.
-    let white = Wavelengths::fixed(NM).d65_one_nit()[0] as f64;
+    let white = SampledWavelengths::fixed(NM).d65_one_nit()[0] as f64;
     let n = 20_000;
     let sum: f64 = (0..n)
         .map(|i| {
-            let w = Wavelengths::fixed(NM);
+            let w = SampledWavelengths::fixed(NM);
             let ray = Ray { origin: Vec3::new(0.4, 0.0, 3.0), direction: Vec3::NEG_Z, time_s: 0.0 };
             let deep = PathSettings { max_depth: 300, roulette_depth: 300 };
             (even.radiance(ray, &w, &Sampler::new(SamplerKind::Sobol, 1, (0, 0), i, n), &deep).x) as f64
@@ -881,7 +881,7 @@ fn a_white_body_in_even_light_stays_unpolarised() {
             let n = 8192;
             let light = |k: u32| {
                 let sampler = Sampler::new(SamplerKind::Sobol, 3, (0, 0), k, n);
-                scene.stokes_of(&[CameraPath::new(ray, Wavelengths::rgb(), sampler)], &[Vec3::X], &deep)[0][1]
+                scene.stokes_of(&[CameraPath::new(ray, SampledWavelengths::rgb(), sampler)], &[Vec3::X], &deep)[0][1]
             };
             let sum: Vec4 = (0..n).map(light).sum();
             // Light that a coat holds back over metal counts as unpolarised; of facets that are wider one way than the other what comes through is told by even ones.

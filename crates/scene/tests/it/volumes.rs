@@ -2,7 +2,7 @@
 
 use diopter_light::random::{Sampler, SamplerKind};
 use diopter_light::spectrum::Table;
-use diopter_light::{Ray, Spectrum, Wavelengths};
+use diopter_light::{Ray, SampledWavelengths, Spectrum};
 use diopter_scene::bvh::Bounds;
 use diopter_scene::light::{Environment, Punctual, PunctualKind};
 use diopter_scene::load;
@@ -174,7 +174,7 @@ fn fire_shines_as_deep_and_as_hot_as_it_is() {
     let fire = Volume::new(place, bounds, Field::Density(Scalars::Grid(density)), Some(glow));
     let medium = Medium { absorption: Coefficient::Scaled(1.0, colored()), ..with(Medium::default(), fire) };
     let found = mean(&Scene::build(ball(medium)).unwrap(), Vec3::Z * 3.0, Vec3::NEG_Z, 40_000, &DEEP);
-    let white = Wavelengths::fixed(NM).d65_one_nit();
+    let white = SampledWavelengths::fixed(NM).d65_one_nit();
     let peak = diopter_light::spectrum::blackbody(2.897_771_9e6 / kelvin, kelvin);
     let expected = [0, 1, 2, 3].map(|k: usize| {
         let body = 2.0 * diopter_light::spectrum::blackbody(NM[k], kelvin) / peak / white[k];
@@ -239,7 +239,7 @@ fn media_of_pbrt_differ_from_place_to_place() {
         assert!(d.warnings.is_empty(), "{:?}", d.warnings);
         let view = d.cameras[0].world_from_camera;
         let scene = Scene::build(d).unwrap();
-        let wavelengths = Wavelengths::rgb();
+        let wavelengths = SampledWavelengths::rgb();
         // To the right in the picture.
         let ray = Ray {
             origin: view.transform_point3(Vec3::X * x),

@@ -47,7 +47,7 @@ fn a_picture_and_the_shot_file_that_repeats_it() {
         let again = ShotFile::read(&darkroom.file(id, "toml").unwrap()).unwrap();
         let mut shot = Shot::prepare(&again, &mut |_| ()).unwrap();
         let go_on = AtomicBool::new(false);
-        let watch = Watch { cancel: &go_on, progress: &|_| () };
+        let watch = ProgressReporter { cancel: &go_on, progress: &|_| () };
         shot.focus(&watch, &mut |_| ()).unwrap();
         shot.meter(&watch, &mut |_| ()).unwrap();
         let plane = shot.expose(&watch).unwrap();
@@ -127,7 +127,7 @@ fn is_repeated(darkroom: &Darkroom, id: u64) -> bool {
     let file = ShotFile::read(&darkroom.file(id, "toml").unwrap()).unwrap();
     let mut shot = Shot::prepare(&file, &mut |_| ()).unwrap();
     let go_on = AtomicBool::new(false);
-    let watch = Watch { cancel: &go_on, progress: &|_| () };
+    let watch = ProgressReporter { cancel: &go_on, progress: &|_| () };
     shot.focus(&watch, &mut |_| ()).unwrap();
     shot.meter(&watch, &mut |_| ()).unwrap();
     let plane = shot.expose(&watch).unwrap();

@@ -56,7 +56,7 @@ impl Engine<'_> {
         };
         let pose = Pose { eye, target, up: c.up.map_or(Vec3::Y, Vec3::from_array) };
         let mut settled = asked.shot.clone();
-        shot.settle(&mut settled);
+        shot.write_resolved(&mut settled);
         settled.render.size = asked.shot.render.size;
         settled.camera.path.clear();
 

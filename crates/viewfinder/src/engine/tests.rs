@@ -64,7 +64,7 @@ fn a_small_frame_comes_first_and_the_whole_picture_in_the_end() {
         let live = lock(&session.live).clone().unwrap();
         let mut shot = Shot::prepare(&for_finder(&session_shot(session)), &mut |_| ()).unwrap();
         let go_on = AtomicBool::new(false);
-        let watch = Watch { cancel: &go_on, progress: &|_| () };
+        let watch = ProgressReporter { cancel: &go_on, progress: &|_| () };
         shot.focus(&watch, &mut |_| ()).unwrap();
         shot.meter(&watch, &mut |_| ()).unwrap();
         let whole = shot.expose(&watch).unwrap();

@@ -1,6 +1,6 @@
 //! `calc exposure`, `calc equivalent`, `calc program`, `calc stops`: aperture, time and speed.
 
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::Equivalent;
 use crate::commands::{print_json, shown};
 use crate::paint;
@@ -25,7 +25,7 @@ const GREEN_NM: f64 = 550.0;
 pub(super) fn positive(what: &str, v: f64) -> anyhow::Result<f64> {
     match (1e-9..=1e9).contains(&v) {
         true => Ok(v),
-        false => Err(AskedWrongly(anyhow!("{what} {v}: expected a number above 0, from a billionth to a billion")).into()),
+        false => Err(UsageError(anyhow!("{what} {v}: expected a number above 0, from a billionth to a billion")).into()),
     }
 }
 
@@ -33,7 +33,7 @@ pub(super) fn positive(what: &str, v: f64) -> anyhow::Result<f64> {
 pub(super) fn f_number(asked: FNumber) -> anyhow::Result<f64> {
     match FNumber::RANGE.contains(&asked.0) {
         true => Ok(asked.0),
-        false => Err(AskedWrongly(anyhow!("aperture {asked}: expected {}", FNumber::EXPECTED)).into()),
+        false => Err(UsageError(anyhow!("aperture {asked}: expected {}", FNumber::EXPECTED)).into()),
     }
 }
 
@@ -83,7 +83,7 @@ pub fn equivalent(args: &Equivalent, json: bool) -> anyhow::Result<()> {
     let focal = positive("focal length", args.focal_length.0)?;
     let distance = positive("focus", args.focus.0.min(1e9))?;
     if !(args.speed >= 0.0 && args.speed.is_finite()) {
-        return Err(AskedWrongly(anyhow!("speed {}: expected m/s, 0 or more", args.speed)).into());
+        return Err(UsageError(anyhow!("speed {}: expected m/s, 0 or more", args.speed)).into());
     }
     let sensor = read_body(&args.body)?;
     let step = sensor.at_iso(args.iso.0).map_err(diopter::shot::ShotError::from)?;
@@ -228,7 +228,7 @@ pub fn program(widest: FNumber, focal: LengthMm, iso: IsoChoice, output: &[PathB
 /// Engraved numbers and what they stand for.
 pub fn stops(step: &str, json: bool) -> anyhow::Result<()> {
     let Some((name, step)) = Step::NAMES.into_iter().find(|n| n.0 == step) else {
-        return Err(AskedWrongly(anyhow!("step \"{step}\": expected full, half or third")).into());
+        return Err(UsageError(anyhow!("step \"{step}\": expected full, half or third")).into());
     };
     let (apertures, times, speeds) = (stops::apertures(step), stops::times(step), stops::speeds(step));
     if json {

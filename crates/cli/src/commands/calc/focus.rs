@@ -2,7 +2,7 @@
 //! beside them for a real lens.
 
 use super::exposure::{f_number, positive};
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::{DepthOfField, Field, FormatArgs};
 use crate::commands::print_json;
 use crate::paint;
@@ -27,7 +27,7 @@ const DEFAULT_F_NUMBER: f64 = 2.8;
 pub(super) fn format_named(name: &str) -> anyhow::Result<Format> {
     Format::parse(name).ok_or_else(|| {
         let names: Vec<&str> = format::FORMATS.iter().map(|f| f.names[0]).collect();
-        AskedWrongly(anyhow!("format \"{name}\": expected one of {}, or width x height in mm such as 36x24", names.join(", ")))
+        UsageError(anyhow!("format \"{name}\": expected one of {}, or width x height in mm such as 36x24", names.join(", ")))
             .into()
     })
 }
@@ -118,14 +118,14 @@ pub fn depth(args: &DepthOfField, json: bool) -> anyhow::Result<()> {
             .collect(),
     };
     if let Some(bad) = distances.iter().find(|d| !(1000.0 * **d > focal)) {
-        return Err(AskedWrongly(anyhow!(
+        return Err(UsageError(anyhow!(
             "focus {}: expected more than the focal length, {focal:.1} mm: nearer planes have no image",
             Distance(*bad)
         ))
         .into());
     }
     if c >= focal / aperture {
-        return Err(AskedWrongly(anyhow!(
+        return Err(UsageError(anyhow!(
             "circle {c} mm: expected less than the opening of the lens, {:.2} mm: else all is sharp",
             focal / aperture
         ))
@@ -270,7 +270,7 @@ pub fn field(args: &Field, json: bool) -> anyhow::Result<()> {
     let f = match (&lens, args.focal_length) {
         (Some(lens), _) => lens.focal_length().0,
         (None, Some(f)) => positive("focal length", f.0)?,
-        (None, None) => return Err(AskedWrongly(anyhow!("calc fov: expected a focal length, such as 50mm, or --lens")).into()),
+        (None, None) => return Err(UsageError(anyhow!("calc fov: expected a focal length, such as 50mm, or --lens")).into()),
     };
     let angles = [w, h, d].map(|side| format::field_of_view(side, f).to_degrees());
     // Chief rays to the middle of the sides and to the corner.
@@ -281,7 +281,7 @@ pub fn field(args: &Field, json: bool) -> anyhow::Result<()> {
     });
     let crop = format::equivalent_35mm(1.0, d);
     if args.distance.is_some_and(|d| !(d.0 > 0.0 && d.0.is_finite())) {
-        return Err(AskedWrongly(anyhow!("distance: expected metres above 0, such as 3m")).into());
+        return Err(UsageError(anyhow!("distance: expected metres above 0, such as 3m")).into());
     }
     let seen = args.distance.map(|s| [w, h].map(|side| side * s.0 / f));
     if json {
@@ -310,7 +310,7 @@ pub fn equivalent(args: &FormatArgs, json: bool) -> anyhow::Result<()> {
     let (f, n) = (positive("focal length", args.focal_length.0)? * ratio, f_number(args.aperture)? * ratio);
     let iso = positive("iso", args.iso.0)? * ratio * ratio;
     if !(1000.0 * args.focus.0 > args.focal_length.0.max(f)) {
-        return Err(AskedWrongly(anyhow!(
+        return Err(UsageError(anyhow!(
             "focus {}: expected more than the focal lengths: nearer planes have no image",
             args.focus
         ))

@@ -3,7 +3,7 @@
 //! Everything is asked of the shutter that exposures use ([`Shutter::window`]), strip by strip of the picture, or ring by ring of the pupil.
 
 use super::exposure::positive;
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::ShutterArgs;
 use crate::commands::print_json;
 use crate::paint;
@@ -31,7 +31,7 @@ pub fn run(args: &ShutterArgs, json: bool) -> anyhow::Result<()> {
     let exposure_s = positive("time", args.time.0)?;
     let outputs = paint::prepare(&args.output)?;
     let wrong =
-        |what: &str, found: &str, expected: String| Err(AskedWrongly(anyhow!("{what} \"{found}\": expected {expected}")).into());
+        |what: &str, found: &str, expected: String| Err(UsageError(anyhow!("{what} \"{found}\": expected {expected}")).into());
     let Some((_, direction)) = Direction::NAMES.into_iter().find(|d| d.0 == args.shutter_direction) else {
         let all = Direction::NAMES.map(|d| d.0).join(", ");
         return wrong("--shutter-direction", &args.shutter_direction, format!("one of {all}"));

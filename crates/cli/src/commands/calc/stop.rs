@@ -1,7 +1,7 @@
 //! `calc stop`: f-number, focal length and diameter of the aperture, N = f / D; the full stops with what they let through.
 
 use super::exposure::{f_number, positive};
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::StopArgs;
 use crate::commands::{print_json, shown};
 use crate::paint;
@@ -58,7 +58,7 @@ pub fn run(args: &StopArgs, json: bool) -> anyhow::Result<()> {
             let given: Vec<&str> = given.iter().filter(|g| g.1).map(|g| g.0).collect();
             let found = if given.is_empty() { "none".to_owned() } else { given.join(", ") };
             let expected = "two of --aperture, --focal-length and --diameter, or --focal-length alone for the full stops";
-            return Err(AskedWrongly(anyhow!("calc stop: {found} given; expected {expected}")).into());
+            return Err(UsageError(anyhow!("calc stop: {found} given; expected {expected}")).into());
         }
     };
     let stop = found.map(|(f_number, diameter_mm)| {

@@ -2,7 +2,7 @@
 
 use super::exposure::f_number;
 use super::focus::finite;
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::ThinLensArgs;
 use crate::commands::{print_json, shown};
 use crate::paint;
@@ -24,7 +24,7 @@ fn mm(v: f64) -> String {
 }
 
 pub fn run(args: &ThinLensArgs, json: bool) -> anyhow::Result<()> {
-    let wrong = |text: String| anyhow::Error::from(AskedWrongly(anyhow!(text)));
+    let wrong = |text: String| anyhow::Error::from(UsageError(anyhow!(text)));
     let f = args.focal_length.map(|v| v.0);
     let [object, image] = [args.object, args.image].map(|d| d.map(|d| 1000.0 * d.0));
     let m = args.magnification;
@@ -133,7 +133,7 @@ pub fn run(args: &ThinLensArgs, json: bool) -> anyhow::Result<()> {
 fn table(args: &ThinLensArgs, f: f64, json: bool) -> anyhow::Result<()> {
     let rows: Vec<Conjugates> = TABLE.iter().filter_map(|k| Conjugates::of(Known::FocalObject(f, k * f.abs()))).collect();
     if rows.is_empty() {
-        return Err(AskedWrongly(anyhow!("focal-length {f} mm: expected a length other than 0")).into());
+        return Err(UsageError(anyhow!("focal-length {f} mm: expected a length other than 0")).into());
     }
     let outputs = paint::prepare(&args.output)?;
     if !outputs.is_empty() {

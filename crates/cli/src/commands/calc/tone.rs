@@ -1,6 +1,6 @@
 //! `calc tone`.
 
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::commands::print_json;
 use anyhow::anyhow;
 use diopter::develop::Recipe;
@@ -40,6 +40,6 @@ fn colour(text: &str) -> anyhow::Result<Vec3> {
     match numbers.as_deref() {
         Some([v]) => Ok(Vec3::splat(*v)),
         Some([r, g, b]) => Ok(Vec3::new(*r, *g, *b)),
-        _ => Err(AskedWrongly(anyhow!("colour \"{text}\": expected one number or three such as 0.5,0.1,0.02")).into()),
+        _ => Err(UsageError(anyhow!("colour \"{text}\": expected one number or three such as 0.5,0.1,0.02")).into()),
     }
 }

@@ -3,7 +3,7 @@
 use super::print_json;
 use crate::output::Output;
 use crate::watch::say;
-use crate::{AskedWrongly, paint};
+use crate::{UsageError, paint};
 use anyhow::anyhow;
 use diopter::lens::draw::{self, ReflectanceCurve};
 use diopter::lens::prescription::coating_named;
@@ -31,7 +31,7 @@ fn wavelengths() -> impl Iterator<Item = f64> {
 }
 
 pub(super) fn run(asked: &Asked, json: bool) -> anyhow::Result<()> {
-    let wrong = |what: String| anyhow::Error::from(AskedWrongly(anyhow!(what)));
+    let wrong = |what: String| anyhow::Error::from(UsageError(anyhow!(what)));
     let mut prescription = read_lens(asked.lens)?;
     prescription.notes.iter().for_each(|note| say(&format!("note: {note}")));
     if let Some(name) = asked.coating {

@@ -1,7 +1,7 @@
 //! `lens convert`.
 
 use super::print_json;
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::output::{Output, distinct};
 use crate::watch::say;
 use anyhow::anyhow;
@@ -37,7 +37,7 @@ pub(super) fn run(lens: &str, output: Option<&Path>, json: bool) -> anyhow::Resu
         Some(path) => {
             if format.is_none() && path.extension().is_none_or(|e| e != "toml") {
                 let what = anyhow!("{}: expected a name that ends in .toml, .zmx or .seq", path.display());
-                return Err(AskedWrongly(what).into());
+                return Err(UsageError(what).into());
             }
             Output::prepare(path)?.commit(|w| Ok(w.write_all(text.as_bytes())?))?;
             say(&format!("wrote {}", path.display()));

@@ -4,7 +4,7 @@ use super::print_json;
 use super::{Table, fields_to};
 use crate::args::Bench as Asked;
 use crate::watch::say;
-use crate::{AskedWrongly, paint};
+use crate::{UsageError, paint};
 use anyhow::anyhow;
 use diopter::lens::draw::{Figure, LayoutOptions};
 use diopter::lens::{Focus, Iris, ThinLens, draw};
@@ -20,7 +20,7 @@ pub(super) fn layout(table: &Table) -> Figure {
 
 pub(super) fn drawing(asked: &Asked, json: bool) -> anyhow::Result<()> {
     if asked.output.is_empty() {
-        return Err(AskedWrongly(anyhow!("lens draw: expected -o FILE.svg or FILE.png")).into());
+        return Err(UsageError(anyhow!("lens draw: expected -o FILE.svg or FILE.png")).into());
     }
     if asked.lens == "thin" {
         return thin_drawing(asked, json);
@@ -43,7 +43,7 @@ pub(super) fn thin_drawing(asked: &Asked, json: bool) -> anyhow::Result<()> {
     let lens = ThinLens::new(Millimeters(focal), f_number, Iris::default(), focus).map_err(ShotError::from)?;
     let fields = asked.field.as_ref().map_or_else(|| fields_to(0.36f64.atan().to_degrees()), |list| list.0.clone());
     if let Some(bad) = fields.iter().find(|f| f.abs() >= 89.0) {
-        return Err(AskedWrongly(anyhow!("field {bad}: expected an angle within 89 degrees")).into());
+        return Err(UsageError(anyhow!("field {bad}: expected an angle within 89 degrees")).into());
     }
     let at = lens.focus_distance().map_or(String::new(), |d| format!(", object at {:.2} m", d.0 / 1000.0));
     let title = format!("thin lens   {focal} mm f/{f_number}{at}");

@@ -4,7 +4,7 @@ use super::{Table, no_light, print_json};
 use crate::args::Bench;
 use crate::output::Output;
 use crate::watch::say;
-use crate::{AskedWrongly, paint};
+use crate::{UsageError, paint};
 use anyhow::anyhow;
 use diopter::lens::draw::{self, DrawnGhost};
 use diopter::lens::ghosts::{AtSensor, BeamGhost, GhostTracer, ParaxialGhost, SourceBeam, pairs, reflects, strong_fours};
@@ -99,7 +99,7 @@ struct Found {
 }
 
 pub(super) fn run(asked: &Asked, json: bool) -> anyhow::Result<()> {
-    let wrong = |what: String| anyhow::Error::from(AskedWrongly(anyhow!(what)));
+    let wrong = |what: String| anyhow::Error::from(UsageError(anyhow!(what)));
     if !(0.0..=1.0).contains(&asked.sensor_reflectance) {
         return Err(wrong(format!("sensor reflectance {}: expected 0 to 1", asked.sensor_reflectance)));
     }

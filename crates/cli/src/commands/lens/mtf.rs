@@ -1,7 +1,7 @@
 //! `lens`: modulation transfer.
 
 use super::{Table, finish, no_light, over_fields};
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::{Bench as Asked, MtfOver};
 use anyhow::anyhow;
 use diopter::lens::analysis::{Mtf, airy_mtf};
@@ -11,7 +11,7 @@ use std::fmt::Write as _;
 
 pub(super) fn mtf(asked: &Asked, over: MtfOver, frequencies: Option<&[f64]>, geometric: bool, json: bool) -> anyhow::Result<()> {
     if let Some(bad) = frequencies.and_then(|f| f.iter().find(|f| !(**f > 0.0 && **f <= 10_000.0))) {
-        return Err(AskedWrongly(anyhow!("frequency {bad}: expected above 0, and at most 10000 cycles/mm")).into());
+        return Err(UsageError(anyhow!("frequency {bad}: expected above 0, and at most 10000 cycles/mm")).into());
     }
     let table = Table::new(asked)?;
     let bench = table.bench();

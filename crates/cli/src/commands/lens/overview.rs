@@ -85,7 +85,7 @@ pub(super) fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
     let glasses: Vec<String> = p.surfaces.iter().filter(|s| s.glass.kind != GlassKind::Air).map(|s| s.glass.describe()).collect();
     let sum = third.sum();
     // The image circle that is stated, held against the trace.
-    let circle = p.image_circle.and_then(|circle| Some((circle, table.set.lit_radius(0.5 * circle)?)));
+    let circle = p.image_circle.and_then(|circle| Some((circle, table.set.image_circle_radius(0.5 * circle)?)));
     if json {
         let by_surface: Vec<Value> = third
             .surfaces

@@ -4,7 +4,7 @@ use super::{Table, no_light, print_json};
 use crate::args::{Bench as Asked, ZernikeOrder};
 use crate::output::Output;
 use crate::watch::say;
-use crate::{AskedWrongly, paint};
+use crate::{UsageError, paint};
 use anyhow::anyhow;
 use diopter::image::{ExposureFacts, exr};
 use diopter::lens::analysis::zernike::{Fit, Numbering};
@@ -46,7 +46,7 @@ impl Files {
         let unknown =
             |p: &&&PathBuf| !p.extension().is_some_and(|e| e.eq_ignore_ascii_case("svg") || e.eq_ignore_ascii_case("png"));
         if let Some(bad) = drawings.iter().find(unknown) {
-            return Err(AskedWrongly(anyhow!("{}: expected a name that ends in .svg, .png or .exr", bad.display())).into());
+            return Err(UsageError(anyhow!("{}: expected a name that ends in .svg, .png or .exr", bad.display())).into());
         }
         let rasters = rasters.into_iter().map(|p| Output::prepare(p)).collect::<anyhow::Result<_>>()?;
         let drawings: Vec<PathBuf> = drawings.into_iter().cloned().collect();
@@ -95,10 +95,10 @@ struct Image {
 
 pub(super) fn psf(asked: &Asked, wanted: &Psfs, json: bool) -> anyhow::Result<()> {
     if let Some(bad) = wanted.pixel_um.filter(|p| !(*p >= 1e-3 && *p <= 1000.0)) {
-        return Err(AskedWrongly(anyhow!("pixel {bad} µm: expected 0.001 to 1000")).into());
+        return Err(UsageError(anyhow!("pixel {bad} µm: expected 0.001 to 1000")).into());
     }
     if let Some(bad) = wanted.pixels.filter(|n| !(8..=MOST_PIXELS).contains(n)) {
-        return Err(AskedWrongly(anyhow!("pixels {bad}: expected 8 to {MOST_PIXELS} across")).into());
+        return Err(UsageError(anyhow!("pixels {bad}: expected 8 to {MOST_PIXELS} across")).into());
     }
     let table = Table::new(asked)?;
     let files = Files::prepare(asked)?;
@@ -114,7 +114,7 @@ pub(super) fn psf(asked: &Asked, wanted: &Psfs, json: bool) -> anyhow::Result<()
         Some(pixel) if !wanted.geometric && pixel > needed => {
             let most = 1e3 * needed;
             let what = anyhow!("pixel {} µm: expected at most {most:.4} µm, half the period of the finest detail", 1e3 * pixel);
-            return Err(AskedWrongly(what).into());
+            return Err(UsageError(what).into());
         }
         Some(pixel) => pixel,
         None => 0.5 * needed,
@@ -231,10 +231,10 @@ pub(super) fn wavefront(asked: &Asked, order: ZernikeOrder, terms: usize, rays: 
         ZernikeOrder::Fringe => Numbering::Fringe,
     };
     if !(1..=numbering.largest()).contains(&terms) {
-        return Err(AskedWrongly(anyhow!("terms {terms}: expected 1 to {} of this order", numbering.largest())).into());
+        return Err(UsageError(anyhow!("terms {terms}: expected 1 to {} of this order", numbering.largest())).into());
     }
     if !(8..=512).contains(&rays) {
-        return Err(AskedWrongly(anyhow!("rays {rays}: expected 8 to 512 across the pupil")).into());
+        return Err(UsageError(anyhow!("rays {rays}: expected 8 to 512 across the pupil")).into());
     }
     let table = Table::new(asked)?;
     let files = Files::prepare(asked)?;

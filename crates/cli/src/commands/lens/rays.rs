@@ -2,7 +2,7 @@
 
 use super::print_json;
 use super::{Table, finish, no_light, planes};
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::{Bench as Asked, List};
 use anyhow::anyhow;
 use diopter::lens::draw;
@@ -82,7 +82,7 @@ pub(super) fn glam_of(pupil: [f64; 2], reach: f64) -> diopter::lens::analysis::P
 
 pub(super) fn spot(asked: &Asked, rays: usize, defocus: Option<&List>, json: bool) -> anyhow::Result<()> {
     if !(2..=1000).contains(&rays) {
-        return Err(AskedWrongly(anyhow!("rays {rays}: expected 2 to 1000 across the pupil")).into());
+        return Err(UsageError(anyhow!("rays {rays}: expected 2 to 1000 across the pupil")).into());
     }
     let planes = planes(defocus)?;
     let table = Table::new(asked)?;

@@ -3,7 +3,7 @@
 use super::super::{print_json, tolerance};
 use super::drawing::layout;
 use super::{Table, fields_to};
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::LensReport as Asked;
 use crate::document::{self, Block, Document};
 use crate::output::distinct;
@@ -36,7 +36,7 @@ pub(super) fn run(asked: &Asked, threads: Option<NonZeroUsize>, json: bool) -> a
     let bench = &asked.bench;
     let paths: Vec<&Path> = bench.output.iter().map(|p| p.as_path()).collect();
     if paths.is_empty() || paths.iter().any(|p| document::kind(p).is_none()) {
-        return Err(AskedWrongly(anyhow!("lens report: expected -o FILE.html or -o FILE.pdf")).into());
+        return Err(UsageError(anyhow!("lens report: expected -o FILE.html or -o FILE.pdf")).into());
     }
     let read = [Path::new(&bench.lens)].into_iter().chain(asked.tolerances.as_deref());
     distinct(read, paths.iter().copied())?;

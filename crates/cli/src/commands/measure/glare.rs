@@ -1,7 +1,7 @@
 //! `measure glare`: the veiling glare index of a picture and of a lens.
 
 use super::{line, name_of, plane, print_json, region, sheet};
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::MeasureGlare;
 use anyhow::anyhow;
 use diopter::lens::compound::Setting;
@@ -79,7 +79,7 @@ pub(super) struct Traced {
 }
 
 fn wrong(what: String) -> anyhow::Error {
-    AskedWrongly(anyhow!(what)).into()
+    UsageError(anyhow!(what)).into()
 }
 
 fn of_lens(asked: &MeasureGlare, name: &str) -> anyhow::Result<Traced> {

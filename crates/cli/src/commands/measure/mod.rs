@@ -11,7 +11,7 @@ mod rolling;
 use super::{print_json, read_raw};
 use crate::args::{List, MeasureThroughLens, MeasureVerb, MeasuredChannel, PictureEncoding};
 use crate::watch::say;
-use crate::{AskedWrongly, paint};
+use crate::{UsageError, paint};
 use anyhow::anyhow;
 use diopter::image::{Encoding, ExposureFacts};
 use diopter::lens::analysis::Bench;
@@ -153,7 +153,7 @@ fn as_taken(
     let complete = |f: &&ExposureFacts| f.f_number > 0.0 && f.focal_length_mm > 0.0 && f.focal_length_35mm_mm > 0.0;
     let facts = facts.filter(complete).ok_or_else(|| {
         let what = "it does not say how it was taken; expected a raw file or a focal plane of `diopter` beside --lens";
-        AskedWrongly(anyhow!("{file}: {what}"))
+        UsageError(anyhow!("{file}: {what}"))
     })?;
     let prescription = read_lens(lens)?;
     if !facts.lens.is_empty() && !facts.lens.starts_with(&prescription.name) {
@@ -244,14 +244,14 @@ fn transfer_sheet(raw: &diopter::image::RawImage, body: Option<&str>) -> anyhow:
     let iso = if facts.iso_set > 0.0 { facts.iso_set } else { facts.iso };
     if iso <= 0.0 {
         return match body {
-            Some(body) => Err(AskedWrongly(anyhow!("--body {body}: the raw files do not say their ISO speed")).into()),
+            Some(body) => Err(UsageError(anyhow!("--body {body}: the raw files do not say their ISO speed")).into()),
             None => Ok(None),
         };
     }
     let step = match (sensor.at_iso(iso), body) {
         (Ok(step), _) => step,
         (Err(_), None) => return Ok(None),
-        (Err(e), Some(_)) => return Err(AskedWrongly(e.into()).into()),
+        (Err(e), Some(_)) => return Err(UsageError(e.into()).into()),
     };
     let rounding = step.gain_e_per_dn / 12f64.sqrt();
     let dark_noise_e = step.read_noise_e.hypot(step.row_noise_e).hypot(rounding);
@@ -275,10 +275,9 @@ fn photon_transfer(
 ) -> anyhow::Result<()> {
     if !files.len().is_multiple_of(2) {
         let found = format!("{} files", files.len());
-        return Err(AskedWrongly(anyhow!(
-            "{found}: expected pairs, two raw files of each exposure: A1.dng B1.dng A2.dng B2.dng"
-        ))
-        .into());
+        return Err(
+            UsageError(anyhow!("{found}: expected pairs, two raw files of each exposure: A1.dng B1.dng A2.dng B2.dng")).into()
+        );
     }
     let outputs = paint::prepare(output)?;
     let pairs =
@@ -378,7 +377,7 @@ fn ranges(sensor: &Sensor, settings: &[f64]) -> anyhow::Result<Vec<(f64, emva::R
     let channel = strongest_channel(sensor);
     let measured = |iso: &f64| {
         let conditions = Conditions { iso: *iso, channel, size: [RANGE_SIDE; 2], stack: RANGE_STACK, ..Conditions::default() };
-        emva::measure(sensor, &conditions, &mut |_| Ok(())).map(|r| (*iso, r)).map_err(|e| AskedWrongly(e.into()).into())
+        emva::measure(sensor, &conditions, &mut |_| Ok(())).map(|r| (*iso, r)).map_err(|e| UsageError(e.into()).into())
     };
     settings.iter().map(measured).collect()
 }

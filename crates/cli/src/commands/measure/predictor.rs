@@ -1,6 +1,6 @@
 //! What the chain of lens, sensor and development makes of edges, for pictures whose camera is known.
 
-use crate::AskedWrongly;
+use crate::UsageError;
 use anyhow::anyhow;
 use diopter::lens::CompoundLens;
 use diopter::measure::developed::{Developed, Development};
@@ -47,7 +47,7 @@ impl Predictor<'_> {
             Channel::Luminance => &[],
         };
         let number = names.iter().position(|n| letters.contains(n)).ok_or_else(|| {
-            AskedWrongly(anyhow!(
+            UsageError(anyhow!(
                 "channel {}: expected one of {} on {}; of a developed picture the raw file that it was made of (--raw)",
                 channel.name(),
                 names.join(", "),

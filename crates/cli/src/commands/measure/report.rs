@@ -11,7 +11,7 @@ use super::{
     distortion_text, glare, illumination_by_bench, line, oecf, range_figure, range_text, ranges, rolling, sheet,
     strongest_channel, vignetting, vignetting_figure, vignetting_text,
 };
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::MeasureReport;
 use crate::commands::{body, print_json};
 use crate::document::{self, Block, Document};
@@ -63,7 +63,7 @@ const GLARE_SIZE: Size = Size { width: 240, height: 160 };
 pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
     let output = document::prepare(&asked.output)?;
     if let Some(Seconds(time)) = asked.readout.filter(|t| !(t.0 > 0.0 && t.0 <= 1000.0)) {
-        return Err(AskedWrongly(anyhow!("--readout {time} s: expected a time above 0, up to 1000 s, such as 20ms")).into());
+        return Err(UsageError(anyhow!("--readout {time} s: expected a time above 0, up to 1000 s, such as 20ms")).into());
     }
     let sensor = read_body(&asked.body)?;
     // Before anything is photographed: the chain is predicted for lenses with surfaces.

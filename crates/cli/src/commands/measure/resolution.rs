@@ -6,7 +6,7 @@ use super::{COLORS, as_taken, finish, line, name_of, region, sheet};
 use crate::args::{LsfWindow, MeasureMtf, MeasuredChannel};
 use crate::commands::{read_raw, why};
 use crate::watch::{say, warn, watched};
-use crate::{AskedWrongly, paint};
+use crate::{UsageError, paint};
 use anyhow::anyhow;
 use diopter::develop::lut::Lut;
 use diopter::develop::{Developer, Recipe};
@@ -41,7 +41,7 @@ struct Source {
 
 pub fn run(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
     if let Some(pitch) = asked.pitch.filter(|p| !(*p > 0.0 && *p < 1e4)) {
-        return Err(AskedWrongly(anyhow!("--pitch {pitch}: expected the distance of pixels in µm, such as 5.36")).into());
+        return Err(UsageError(anyhow!("--pitch {pitch}: expected the distance of pixels in µm, such as 5.36")).into());
     }
     let outputs = paint::prepare(&asked.output)?;
     let window = match asked.window {
@@ -106,7 +106,7 @@ pub fn run(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
 
 /// Reads or takes the picture.
 fn source(asked: &MeasureMtf) -> anyhow::Result<Source> {
-    let wrong = |what: String| anyhow::Error::from(AskedWrongly(anyhow!(what)));
+    let wrong = |what: String| anyhow::Error::from(UsageError(anyhow!(what)));
     let name = asked.file.display();
     if let Some(file) = shot_of_chart(asked)? {
         for (flag, given) in [("--raw", asked.raw.is_some()), ("--shot", asked.shot.is_some())] {
@@ -193,7 +193,7 @@ fn shot_of_chart(asked: &MeasureMtf) -> anyhow::Result<Option<ShotFile>> {
         ("--spp", asked.spp.is_some()),
     ];
     let set = set.iter().find(|s| s.1).map(|s| s.0);
-    let wrong = |what: String| Err(AskedWrongly(anyhow!(what)).into());
+    let wrong = |what: String| Err(UsageError(anyhow!(what)).into());
     if ending == "toml" {
         let mut shot = ShotFile::read(file)?;
         let (camera, render) = (&mut shot.camera, &mut shot.render);
@@ -277,7 +277,7 @@ fn camera<'a>(
     };
     let film = &shot.camera.film;
     match &shot.camera.lens {
-        Lens::Compound(lens) if film.middle_mm == [0.0; 2] && !shot.camera.lens.is_tilted() => Ok(Some(Predictor {
+        Lens::Compound(lens) if film.center_mm == [0.0; 2] && !shot.camera.lens.is_tilted() => Ok(Some(Predictor {
             lens: (**lens).clone(),
             sensor: shot.sensor.clone(),
             film_mm: [film.width_mm, film.height_mm],

@@ -1,7 +1,7 @@
 //! `measure rolling`: how fast a shutter reads, and which way.
 
 use super::{finish, line, name_of, sheet};
-use crate::AskedWrongly;
+use crate::UsageError;
 use crate::args::MeasureRolling;
 use crate::paint;
 use anyhow::anyhow;
@@ -16,14 +16,14 @@ pub fn run(asked: &MeasureRolling, json: bool) -> anyhow::Result<()> {
     let sign = match (asked.flicker, asked.speed) {
         (Some(hz), _) if hz > 0.0 && hz < 1e9 => Sign::Flicker(hz),
         (Some(hz), _) => {
-            return Err(AskedWrongly(anyhow!("--flicker {hz}: expected the frequency of the light in Hz, such as 100")).into());
+            return Err(UsageError(anyhow!("--flicker {hz}: expected the frequency of the light in Hz, such as 100")).into());
         }
         (None, Some(speed)) if speed != [0.0; 2] && speed.iter().all(|v| v.abs() < 1e9) => Sign::Motion(speed),
         (None, Some([x, y])) => {
             let wrong = anyhow!("--speed {x},{y}: expected pixels a second to the right and downwards, not both 0");
-            return Err(AskedWrongly(wrong).into());
+            return Err(UsageError(wrong).into());
         }
-        (None, None) => return Err(AskedWrongly(anyhow!("measure rolling: expected --flicker HZ or --speed X,Y")).into()),
+        (None, None) => return Err(UsageError(anyhow!("measure rolling: expected --flicker HZ or --speed X,Y")).into()),
     };
     let chart = &asked.chart;
     let outputs = paint::prepare(&chart.output)?;

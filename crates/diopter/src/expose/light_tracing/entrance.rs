@@ -4,7 +4,7 @@ use super::{LEAST_COSINE, of_lane};
 use crate::camera::Camera;
 use diopter_lens::Lens;
 use diopter_lens::batch::single::LANES;
-use diopter_lens::compound::{Exits, Samples, Scratch};
+use diopter_lens::compound::{ExitRays, Samples, Scratch};
 use glam::{DVec2, DVec3};
 
 /// Film points across and down from which the pupil is looked at.
@@ -88,11 +88,11 @@ impl Entrance {
         };
         match &camera.lens {
             Lens::Compound(lens) => {
-                let (mut samples, mut scratch, mut exits) = (Samples::default(), Scratch::default(), Exits::default());
+                let (mut samples, mut scratch, mut exits) = (Samples::default(), Scratch::default(), ExitRays::default());
                 for k in 0..across * down {
                     samples.film = [film(k); LANES];
                     samples.pupil = std::array::from_fn(|i| place(k * LANES + i));
-                    lens.exits(&samples, |_, _| true, &mut scratch, &mut exits);
+                    lens.trace_to_scene(&samples, |_, _| true, &mut scratch, &mut exits);
                     for i in (0..LANES).filter(|i| exits.passed >> i & 1 == 1) {
                         found(of_lane(exits.origin[i]), of_lane(exits.direction[i]));
                     }

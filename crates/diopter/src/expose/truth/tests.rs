@@ -1,14 +1,14 @@
 use super::*;
 use crate::camera::{Film, look_at};
 use crate::shutter::{Direction, Mechanism};
-use diopter_image::channels::{CHANNELS, Merge, Numbers};
+use diopter_image::channels::{CHANNELS, Merge, PixelType};
 use diopter_image::focal_plane::{Band, BandUnit};
 use diopter_image::{ExposureFacts, FocalPlane, Raster};
 use diopter_lens::compound::Setting;
 use diopter_lens::{CompoundLens, Focus, Iris, Lens, ThinLens};
 use diopter_light::units::Millimeters;
 use diopter_scene::material::{Material, Scattering};
-use diopter_scene::motion::{AnimatedProperty, Animation, Channel as Keys, KeyInterpolation, Motion, Node, Playing};
+use diopter_scene::motion::{AnimatedProperty, Animation, AnimationPlayback, Channel as Keys, KeyInterpolation, Motion, Node};
 use diopter_scene::shape::{Mesh, Quad};
 use diopter_scene::texture::Color;
 use diopter_scene::{Object, Shape};
@@ -26,11 +26,11 @@ const DEPTH: f64 = 5.0;
 fn every_channel_has_a_function_of_its_numbers() {
     for channel in &CHANNELS {
         let (numbers, merge) = match fill(channel.id) {
-            Fill::Float(_) => (Numbers::Float, Merge::Nearest),
-            Fill::Whole(_) => (Numbers::Whole, Merge::Nearest),
-            Fill::Mean(_) => (Numbers::Float, Merge::Mean),
-            Fill::Later => (Numbers::Float, Merge::Light),
-            Fill::Ranks(_) => (Numbers::Float, Merge::Ranks),
+            Fill::Float(_) => (PixelType::Float, Merge::Nearest),
+            Fill::Whole(_) => (PixelType::Whole, Merge::Nearest),
+            Fill::Mean(_) => (PixelType::Float, Merge::Mean),
+            Fill::Later => (PixelType::Float, Merge::Light),
+            Fill::Ranks(_) => (PixelType::Float, Merge::Ranks),
         };
         assert_eq!((numbers, merge), (channel.numbers, channel.merge), "{}", channel.name);
     }
@@ -64,7 +64,7 @@ fn carried(speed: Vec3) -> Scene {
         objects: vec![object],
         nodes: vec![Node::new("node")],
         animations: vec![Animation { name: "go".into(), channels: vec![keys] }],
-        playing: Playing { animations: vec![0], ..Default::default() },
+        playing: AnimationPlayback { animations: vec![0], ..Default::default() },
         ..Default::default()
     })
     .unwrap()

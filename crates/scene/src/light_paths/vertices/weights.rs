@@ -1,15 +1,15 @@
 //! What light paths bring to their vertices, and the recurrences of its weights in multiple importance sampling, as [`super`] derives them.
 
-use super::{Connections, Event, LEAST_COSINE, Start};
+use super::{Connections, Event, LEAST_COSINE, LightLeSample};
 use crate::light::LightRef;
-use diopter_light::{Sampled, Wavelengths};
+use diopter_light::{SampledSpectrum, SampledWavelengths};
 use glam::Vec3;
 
 /// What a light path brings to a vertex at some wavelengths, and its weights; squares of ratios as the module says.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::light_paths) struct State {
     /// Power over the densities of all places so far, W·nm⁻¹ for one light path.
-    pub flux: Sampled,
+    pub flux: SampledSpectrum,
     pub weights: Weights,
 }
 
@@ -31,18 +31,18 @@ pub(in crate::light_paths) fn squared(x: f64) -> f64 {
 
 impl Connections<'_> {
     /// The state at v₁, with the light sent out given.
-    pub(super) fn first_state(&self, start: &Start, event: &Event, flux: Sampled) -> State {
+    pub(super) fn first_state(&self, start: &LightLeSample, event: &Event, flux: SampledSpectrum) -> State {
         let (lights, light) = (self.scene.lights(), self.lamps[start.lamp as usize].light);
         let point = event.surface.point;
         let d2 = f64::from(event.d2);
         let cos = f64::from(event.surface.ng.dot(event.to_prev).abs());
         let kappa_l0 = self.kappa * start.l0;
         if let LightRef::Punctual(i) = light
-            && let Some(parallel) = &self.parallel[i as usize]
+            && let Some(directional) = &self.directional[i as usize]
         {
             let chosen = lights.infinite_light_probability(point, event.surface.ng, light, false);
-            let e = f64::from(chosen * parallel.direction_density());
-            let j = if parallel.is_delta() { 0.0 } else { squared(1.0 / kappa_l0) };
+            let e = f64::from(chosen * directional.direction_density());
+            let j = if directional.is_delta() { 0.0 } else { squared(1.0 / kappa_l0) };
             let l = f64::from(start.p_line) * cos;
             return State { flux, weights: Weights { a: squared(e / kappa_l0), j, over_l2: 1.0 / squared(l) } };
         }
@@ -61,7 +61,7 @@ impl Connections<'_> {
 }
 
 /// The state one event farther, at some wavelengths; `None` where no light gets there.
-pub(super) fn next_state(state: State, last: &Event, event: &Event, wavelengths: &Wavelengths) -> Option<State> {
+pub(super) fn next_state(state: State, last: &Event, event: &Event, wavelengths: &SampledWavelengths) -> Option<State> {
     let (surface, ng) = (&last.surface, last.surface.ng);
     let bsdf = |wo: Vec3| last.material.bsdf(surface, wo, wavelengths, false, last.around);
     let (passed, to_lamp, from_lamp, a) = match last.is_specular {

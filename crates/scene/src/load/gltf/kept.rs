@@ -7,7 +7,7 @@ use crate::exact::{Exact, KEY, Source, VERSION, checked, field, fingerprint};
 use crate::light::{Environment, Punctual};
 use crate::material::{Material, Measured};
 use crate::medium::{Air, Medium};
-use crate::scene::{FilmHints, Sight};
+use crate::scene::{CameraProjection, FilmHints};
 use crate::shape::{Curves, Quad, Sphere, Splats};
 use crate::texture::{Graph, Image, Texels};
 use glam::Affine3A;
@@ -38,7 +38,7 @@ pub(super) enum Form {
 
 /// A camera beside what glTF says of it.
 pub(super) struct KeptCamera {
-    pub sight: Sight,
+    pub sight: CameraProjection,
     pub lens: Option<[f32; 2]>,
     pub film: FilmHints,
     /// Where it is, if nothing carries it.

@@ -3,8 +3,8 @@
 use super::{Loader, error, label};
 use crate::SceneError;
 use crate::motion::{
-    AnimatedProperty, Animation, Channel, Deformer, Ending, KeyInterpolation, Local, Node, Parts, Playing, Skin, Target,
-    influences_summing_to_one,
+    AnimatedProperty, Animation, AnimationPlayback, Channel, Deformer, Extrapolation, KeyInterpolation, Local, Node, Parts, Skin,
+    Target, influences_summing_to_one,
 };
 use glam::{Affine3A, Mat4, Quat, Vec3};
 use serde_json::Value;
@@ -199,22 +199,23 @@ impl Loader<'_> {
             self.description.animations.push(Animation { name: animation.name().unwrap_or("").to_owned(), channels });
         }
         if !self.description.animations.is_empty() {
-            self.description.playing = self.said_playing().unwrap_or(Playing { animations: vec![0], ..Playing::default() });
+            self.description.playing =
+                self.said_playing().unwrap_or(AnimationPlayback { animations: vec![0], ..AnimationPlayback::default() });
         }
         Ok(())
     }
 
     /// What a file of our own says of its animations ([`crate::save`]); `None` of others.
-    fn said_playing(&self) -> Option<Playing> {
+    fn said_playing(&self) -> Option<AnimationPlayback> {
         let scene = self.document.default_scene().or_else(|| self.document.scenes().next())?;
         let extras: Value = serde_json::from_str(scene.extras().as_ref()?.get()).ok()?;
         let said = extras.get("diopter_playing")?;
         let count = self.description.animations.len() as u64;
         let numbers = said.get("animations")?.as_array()?.iter().filter_map(Value::as_u64).filter(|n| *n < count);
         let ending = match said.get("ending").and_then(Value::as_str) {
-            Some("loop") => Ending::Loop,
-            _ => Ending::Clamp,
+            Some("loop") => Extrapolation::Loop,
+            _ => Extrapolation::Clamp,
         };
-        Some(Playing { animations: numbers.map(|n| n as usize).collect(), ending, frozen_at_s: None })
+        Some(AnimationPlayback { animations: numbers.map(|n| n as usize).collect(), ending, frozen_at_s: None })
     }
 }

@@ -183,7 +183,7 @@ fn lamps_of_ies_files_shine_along_their_nodes() {
     assert!(d.warnings.is_empty() && d.punctual.len() == 1, "{:?}", d.warnings);
     let scene = crate::Scene::build(d).unwrap();
     let lamp = &scene.lights().punctual[0];
-    let wavelengths = diopter_light::Wavelengths::rgb();
+    let wavelengths = diopter_light::SampledWavelengths::rgb();
     let at = |d: Vec3| lamp.power.sample(&wavelengths) * lamp.relative_intensity(None, d, &wavelengths);
     for (direction, cd) in [(Vec3::Y, 600.0), (Vec3::X, 200.0), (Vec3::NEG_Y, 0.0)] {
         let found = at(direction);

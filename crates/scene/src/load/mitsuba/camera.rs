@@ -5,7 +5,7 @@ use super::tree::Node;
 use super::values::{number, text, transform};
 use super::wrong;
 use crate::SceneError;
-use crate::scene::{FilmHints, Sight, Viewpoint};
+use crate::scene::{CameraProjection, FilmHints, Viewpoint};
 use glam::{DMat4, DVec3};
 
 /// Diagonal of the film that a focal length is of, mm.
@@ -63,17 +63,17 @@ pub fn add(context: &mut Context, node: &Node) -> Result<(), SceneError> {
                 }
                 other => return Err(wrong(node, format!("fov_axis \"{other}\""), "x, y, diagonal, smaller or larger")),
             };
-            Sight::Perspective { vertical_fov: (2.0 * half_height.atan()) as f32 }
+            CameraProjection::Perspective { vertical_fov: (2.0 * half_height.atan()) as f32 }
         }
-        "orthographic" => Sight::Orthographic { height: (2.0 * place.y_axis.truncate().length() / aspect) as f32 },
+        "orthographic" => CameraProjection::Orthographic { height: (2.0 * place.y_axis.truncate().length() / aspect) as f32 },
         other => {
-            context.leave_out(format!("sensor \"{other}\""));
+            context.skip_unsupported(format!("sensor \"{other}\""));
             return Ok(());
         }
     };
     for name in ["principal_point_offset_x", "principal_point_offset_y"] {
         if number(node, name, 0.0)? != 0.0 {
-            context.leave_out("shifts of the principal point");
+            context.skip_unsupported("shifts of the principal point");
         }
     }
     let lens = match node.kind() {

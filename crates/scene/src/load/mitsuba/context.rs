@@ -51,7 +51,7 @@ impl<'a> Context<'a> {
     }
 
     /// Counts something that is left out.
-    pub fn leave_out(&mut self, what: impl Into<String>) {
+    pub fn skip_unsupported(&mut self, what: impl Into<String>) {
         *self.left_out.entry(what.into()).or_default() += 1;
     }
 

@@ -59,7 +59,7 @@ pub fn add(context: &mut Context, node: &Arc<Node>) -> Read<()> {
                 ));
             }
             if node.child("texture").is_some() {
-                context.leave_out("pictures of spots");
+                context.skip_unsupported("pictures of spots");
             }
             let kind = PunctualKind::Spot {
                 position: place.w_axis.truncate().as_vec3(),
@@ -97,7 +97,7 @@ pub fn add(context: &mut Context, node: &Arc<Node>) -> Read<()> {
         // Defined here to be referred to by shapes.
         "area" => (),
         "sunsky" | "sun" | "sky" => {
-            context.leave_out(format!("emitter \"{}\": --sun or --daylight give a sky", node.kind()));
+            context.skip_unsupported(format!("emitter \"{}\": --sun or --daylight give a sky", node.kind()));
         }
         other => {
             let known = "area (of a shape), point, spot, directional, constant or envmap: others are not supported";

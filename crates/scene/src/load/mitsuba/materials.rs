@@ -153,7 +153,7 @@ impl Context<'_> {
                     if node.kind() == "plastic" { (Scalar::Constant(0.0), None) } else { self.roughness(node)? };
                 self.say_scales(node);
                 if node.kind() == "pplastic" {
-                    self.leave_out("pplastic's loss of light between base and coat: it is taken for roughplastic");
+                    self.skip_unsupported("pplastic's loss of light between base and coat: it is taken for roughplastic");
                 }
                 let layered = boolean(node, "nonlinear", false)?;
                 let coat = Principled::new(base, relative_index(node, 1.49)?.max(1.0));
@@ -173,7 +173,7 @@ impl Context<'_> {
                 Surface { coverage: Coverage::Blend(opacity), ..own }
             }
             "bumpmap" => {
-                self.leave_out("bump maps");
+                self.skip_unsupported("bump maps");
                 inner(self)?
             }
             "normalmap" => {
@@ -261,7 +261,7 @@ impl Context<'_> {
         p.clearcoat_roughness = Scalar::Constant((0.1 + (0.001 - 0.1) * gloss).sqrt());
         for name in ["anisotropic", "sheen", "spec_tint", "flatness", "diff_trans"] {
             if node.child(name).is_some_and(|c| c.get("value").is_none_or(|v| v.trim().parse::<f64>() != Ok(0.0))) {
-                self.leave_out(format!("\"{name}\" of principled BSDFs"));
+                self.skip_unsupported(format!("\"{name}\" of principled BSDFs"));
             }
         }
         let transmits = !matches!(p.transmission, Scalar::Constant(t) if t <= 0.0);
@@ -275,13 +275,13 @@ impl Context<'_> {
     fn say_scales(&mut self, node: &Node) {
         for name in ["specular_reflectance", "specular_transmittance"] {
             if node.child(name).is_some_and(|c| c.get("value").is_none_or(|v| v.trim().parse::<f64>() != Ok(1.0))) {
-                self.leave_out(format!("\"{name}\""));
+                self.skip_unsupported(format!("\"{name}\""));
             }
         }
         if (node.kind().starts_with("rough") || node.kind() == "pplastic")
             && values::text(node, "distribution").unwrap_or("beckmann") == "beckmann"
         {
-            self.leave_out("Beckmann's distribution: facets are GGX");
+            self.skip_unsupported("Beckmann's distribution: facets are GGX");
         }
     }
 
@@ -407,7 +407,7 @@ impl Context<'_> {
                 }
                 let m = transform(node, "to_uv")?;
                 if m.x_axis.y != 0.0 || m.y_axis.x != 0.0 {
-                    self.leave_out("turns of checkerboards");
+                    self.skip_unsupported("turns of checkerboards");
                 }
                 // Two squares in each direction.
                 let place = Mapping::Uv([

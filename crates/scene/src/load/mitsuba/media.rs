@@ -25,7 +25,7 @@ pub(super) fn of(context: &mut Context, node: &Arc<Node>) -> Read<Medium> {
     let asymmetry = match context.nested(node, "phase", None)? {
         Some(phase) if phase.kind() == "hg" => number(&phase, "g", 0.8)?.clamp(-0.999, 0.999) as f32,
         Some(phase) if phase.kind() != "isotropic" => {
-            context.leave_out(format!("phase \"{}\": light is thrown evenly", phase.kind()));
+            context.skip_unsupported(format!("phase \"{}\": light is thrown evenly", phase.kind()));
             0.0
         }
         _ => 0.0,
@@ -101,7 +101,7 @@ fn heterogeneous(context: &mut Context, node: &Arc<Node>, bare: Medium, scale: f
     let sigma_t = filling(context, node, "sigma_t")?.unwrap_or(Source::Even(Vec3::ONE));
     let albedo = filling(context, node, "albedo")?.unwrap_or(Source::Even(Vec3::splat(0.75)));
     if sigma_t.grid().is_none() && albedo.grid().is_some() {
-        context.leave_out("extinction beyond the grid of the albedo");
+        context.skip_unsupported("extinction beyond the grid of the albedo");
     }
     let Some(grid) = sigma_t.grid().or(albedo.grid()) else {
         let (Source::Even(sigma_t), Source::Even(albedo)) = (&sigma_t, &albedo) else { unreachable!("neither is a grid") };
@@ -165,7 +165,7 @@ fn filling(context: &mut Context, node: &Arc<Node>, name: &str) -> Read<Option<S
             }
             for (name, ours) in [("filter_type", "trilinear"), ("wrap_mode", "clamp")] {
                 if values::text(&volume, name).is_some_and(|said| said != ours) {
-                    context.leave_out(format!("{name} of gridvolumes other than {ours}"));
+                    context.skip_unsupported(format!("{name} of gridvolumes other than {ours}"));
                 }
             }
             let is_finite = world_from_unit.is_finite() && world_from_unit.inverse().is_finite();

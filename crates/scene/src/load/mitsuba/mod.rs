@@ -47,7 +47,7 @@ mod tests {
     use super::*;
     use crate::light::PunctualKind;
     use crate::material::{Coverage, Interior, Scattering};
-    use crate::scene::{Shape, Sight};
+    use crate::scene::{CameraProjection, Shape};
     use glam::{Vec2, Vec3};
 
     fn fetch(name: &str) -> Result<Vec<u8>, String> {
@@ -136,7 +136,9 @@ mod tests {
         assert!(matches!(d.punctual[0].kind, PunctualKind::Point { position } if position == Vec3::new(1.0, 2.0, 3.0)));
         assert!((d.environment.as_ref().unwrap().mean_luminance() - 0.5).abs() < 1e-3);
         let view = &d.cameras[0];
-        assert!(matches!(view.sight, Sight::Perspective { vertical_fov } if (vertical_fov - 60f32.to_radians()).abs() < 1e-5));
+        assert!(
+            matches!(view.sight, CameraProjection::Perspective { vertical_fov } if (vertical_fov - 60f32.to_radians()).abs() < 1e-5)
+        );
         assert_eq!((view.lens, view.film.size), (Some([0.1, 4.0]), Some([320, 200])));
         let ahead = view.world_from_camera.transform_vector3(Vec3::NEG_Z);
         let right = view.world_from_camera.transform_vector3(Vec3::X);
@@ -190,7 +192,7 @@ mod tests {
             let Interior::Sides([Some(inside), None]) = &d.materials[0].interior else { panic!("a medium") };
             inside.clone()
         };
-        let nm = diopter_light::Wavelengths::rgb();
+        let nm = diopter_light::SampledWavelengths::rgb();
         let even = medium("<float name='albedo' value='0.8'/>");
         let volume = even.volume.as_ref().unwrap();
         assert!(format!("{volume:?}").contains("Density") && even.asymmetry == 0.3);

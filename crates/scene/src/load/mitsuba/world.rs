@@ -259,7 +259,7 @@ impl<'a> World<'a> {
         }
         // Nothing that light would meet, and nothing behind it.
         if matches!(material.scattering, Scattering::Interface) && is_plain {
-            self.context.leave_out("surfaces of nothing (null) without media");
+            self.context.skip_unsupported("surfaces of nothing (null) without media");
         }
         self.context.description.materials.push(material);
         let number = self.context.description.materials.len() as u32 - 1;

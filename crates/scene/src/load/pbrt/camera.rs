@@ -3,7 +3,7 @@
 use super::Fault;
 use super::context::{Context, affine};
 use super::params::Params;
-use crate::scene::{FilmHints, LensTable, Sight, Viewpoint};
+use crate::scene::{CameraProjection, FilmHints, LensTable, Viewpoint};
 use glam::{DMat4, DVec3};
 
 /// Most pixels of a picture that nobody asked for on the command line.
@@ -97,13 +97,13 @@ pub fn viewpoint(
             if !(0.001..180.0).contains(&fov) {
                 return Err(p.place.fault(format!("fov {fov}"), "an angle from 0.001 to below 180 degrees"));
             }
-            Sight::Perspective { vertical_fov: (2.0 * ((0.5 * fov).to_radians().tan() * window[3]).atan()) as f32 }
+            CameraProjection::Perspective { vertical_fov: (2.0 * ((0.5 * fov).to_radians().tan() * window[3]).atan()) as f32 }
         }
         "orthographic" => {
             if lens_radius > 0.0 {
                 context.warn(p.place, "an orthographic camera with a lens: everything is sharp");
             }
-            Sight::Orthographic { height: (2.0 * window[3] * world_from_camera.y_axis.truncate().length()) as f32 }
+            CameraProjection::Orthographic { height: (2.0 * window[3] * world_from_camera.y_axis.truncate().length()) as f32 }
         }
         "spherical" => {
             if p.text("mapping")? != Some("equirectangular") {
@@ -112,7 +112,7 @@ pub fn viewpoint(
                     .fault("a spherical camera in the equal-area mapping", "\"string mapping\" \"equirectangular\""));
             }
             context.warn(p.place, "straight ahead is in the middle of the picture and left is left, unlike in pbrt's");
-            Sight::Panorama
+            CameraProjection::Panorama
         }
         "realistic" => {
             let file =
@@ -127,7 +127,7 @@ pub fn viewpoint(
             if p.text("aperture")?.is_some() {
                 context.warn(p.place, "the shape of the aperture is round: give --blades or --aperture-image");
             }
-            Sight::Table(LensTable { file: file.to_owned(), bytes: context.file(file, p.place)?, stop_mm, focus_m })
+            CameraProjection::Table(LensTable { file: file.to_owned(), bytes: context.file(file, p.place)?, stop_mm, focus_m })
         }
         other => {
             return Err(p.place.fault(format!("camera \"{other}\""), "perspective, orthographic, spherical or realistic"));
@@ -142,7 +142,7 @@ pub fn viewpoint(
     Ok(Viewpoint {
         name: "camera".into(),
         world_from_camera: affine(world_from_camera),
-        lens: matches!(sight, Sight::Perspective { .. }).then_some([lens_radius as f32, focus as f32]),
+        lens: matches!(sight, CameraProjection::Perspective { .. }).then_some([lens_radius as f32, focus as f32]),
         sight,
         film,
         node: None,

@@ -298,7 +298,7 @@ mod tests {
             crate::load::pbrt::load(text.as_bytes(), "a.pbrt", &fetch).unwrap().punctual.remove(0)
         };
         let lamp = light("LightSource \"goniometric\" \"float scale\" 2");
-        let wavelengths = diopter_light::Wavelengths::rgb();
+        let wavelengths = diopter_light::SampledWavelengths::rgb();
         let candela = |lamp: &Punctual, direction: Vec3| {
             f64::from(lamp.illuminance() * lamp.relative_intensity(None, direction, &wavelengths).x)
         };

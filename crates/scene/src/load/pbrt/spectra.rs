@@ -217,13 +217,13 @@ mod tests {
 
     #[test]
     fn unbounded_colours_keep_their_three_numbers_and_a_smooth_spectrum() {
-        use diopter_light::Wavelengths;
+        use diopter_light::SampledWavelengths;
         // Copper's n and k as RGB.
         let rgb = Vec3::new(0.2, 0.924, 2.45);
         let spectrum = unbounded(rgb);
-        assert_eq!(spectrum.sample(&Wavelengths::rgb()).truncate(), rgb);
+        assert_eq!(spectrum.sample(&SampledWavelengths::rgb()).truncate(), rgb);
         // At one wavelength a value of the spectrum, which is not a number of the triple.
-        let at = spectrum.sample(&Wavelengths::fixed([460.0, 550.0, 620.0, 700.0]));
+        let at = spectrum.sample(&SampledWavelengths::fixed([460.0, 550.0, 620.0, 700.0]));
         assert!(at.x > at.y && at.y > at.z && at.z > 0.0 && at.x < 4.9, "{at}");
         assert_eq!([0.0, 1.5].map(|v| unbounded(Vec3::splat(v))), [0.0, 1.5].map(Spectrum::Constant));
     }

@@ -11,7 +11,7 @@ use super::params::{Params, Values};
 use super::spectra::{self, Use};
 use crate::medium::{Coefficient, Medium, Orders};
 use diopter_light::spectrum::Table;
-use diopter_light::{Spectrum, Wavelengths};
+use diopter_light::{SampledWavelengths, Spectrum};
 use glam::Vec3;
 
 /// Absorption and scattering of what is described by nothing else: milk, 1/mm. Source: pbrt-v4's file format.
@@ -89,7 +89,7 @@ fn by_reflectance(context: &Context, p: &Params, eta: f32, scale: f32, asymmetry
         [(1.0 - albedo) * extinction, albedo * extinction].map(|v| v as f32)
     };
     let points: Vec<[f32; 2]> = (0..=80).map(|i| 380.0 + 5.0 * i as f32).map(|nm| of(reflectance.at(nm), path.at(nm))).collect();
-    let [r, l] = [&reflectance, &path].map(|s| s.sample(&Wavelengths::rgb()));
+    let [r, l] = [&reflectance, &path].map(|s| s.sample(&SampledWavelengths::rgb()));
     let colors = [of(r.x, l.x), of(r.y, l.y), of(r.z, l.z)];
     let [absorption, scattering] = [0, 1].map(|k: usize| {
         let table = Table::new(380.0, 5.0, points.iter().map(|v| v[k]).collect());

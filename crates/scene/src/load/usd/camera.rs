@@ -4,7 +4,7 @@ use super::layer::Value;
 use super::stage::{Prim, Stage};
 use super::world::{Place, World, affine};
 use crate::SceneError;
-use crate::scene::{FilmHints, Sight, Viewpoint};
+use crate::scene::{CameraProjection, FilmHints, Viewpoint};
 use glam::{Affine3A, DMat4};
 
 /// Sides of a film that nobody doubts, mm.
@@ -31,19 +31,19 @@ pub fn add(world: &mut World, prim: &Prim, place: &Place) -> Result<(), SceneErr
     let mm = world.unit_m * 100.0;
     let mm = if PLAUSIBLE_MM.contains(&(width * mm)) { mm } else { 1.0 };
     let sight = match projection.as_ref().and_then(Value::text).is_some_and(|p| &**p == "orthographic") {
-        true => Sight::Orthographic { height: (height * world.unit_m * 0.1) as f32 },
-        false => Sight::Perspective { vertical_fov: (2.0 * (height / (2.0 * focal)).atan()) as f32 },
+        true => CameraProjection::Orthographic { height: (height * world.unit_m * 0.1) as f32 },
+        false => CameraProjection::Perspective { vertical_fov: (2.0 * (height / (2.0 * focal)).atan()) as f32 },
     };
-    let has_lens = f_number > 0.0 && focus > 0.0 && matches!(sight, Sight::Perspective { .. });
+    let has_lens = f_number > 0.0 && focus > 0.0 && matches!(sight, CameraProjection::Perspective { .. });
     let lens = has_lens.then(|| [(0.5 * focal * mm * 1e-3 / f_number) as f32, (focus * world.unit_m) as f32]);
     if moves {
-        world.leave_out("changes of focal length, focus and f-stop");
+        world.skip_unsupported("changes of focal length, focus and f-stop");
     }
     if shutter[0] != shutter[1] {
-        world.leave_out("shutters of cameras: --shutter says how long the exposure is");
+        world.skip_unsupported("shutters of cameras: --shutter says how long the exposure is");
     }
     if exposed {
-        world.leave_out("exposures of cameras");
+        world.skip_unsupported("exposures of cameras");
     }
     let film = FilmHints { diagonal_mm: Some((width * mm).hypot(height * mm)), ..FilmHints::default() };
     let node = place.node.map(|_| world.node_at(place, prim.name()));

@@ -22,7 +22,7 @@ use std::sync::Arc;
 /// Adds a light. Fails where a value of it is damaged in its file, or there are too many things in the scene.
 pub fn add(world: &mut World, kind: &str, prim: &Arc<Prim>, place: &Place) -> Result<(), SceneError> {
     if place.instancers > 0 {
-        world.leave_out("lights within prototypes of instancers");
+        world.skip_unsupported("lights within prototypes of instancers");
         return Ok(());
     }
     let stage = &world.stage;
@@ -63,7 +63,7 @@ pub fn add(world: &mut World, kind: &str, prim: &Arc<Prim>, place: &Place) -> Re
         }
     };
     if ies {
-        world.leave_out("IES profiles of lights");
+        world.skip_unsupported("IES profiles of lights");
     }
     let light = |luminance: f64| -> Spectrum {
         let luminance = luminance as f32;
@@ -93,7 +93,7 @@ pub fn add(world: &mut World, kind: &str, prim: &Arc<Prim>, place: &Place) -> Re
         let seen = if kind == "SphereLight" { 0.25 } else { 1.0 };
         let candela = if area > 0.0 { luminance * area * world.unit_m * world.unit_m * seen } else { intensity * 0.25 };
         if shaped && !as_point {
-            world.leave_out("sizes of lights with a cone");
+            world.skip_unsupported("sizes of lights with a cone");
         }
         let outer = cone.clamp(0.01, 89.999).to_radians();
         let (position, direction) = (Vec3::ZERO, Vec3::NEG_Z);
@@ -185,7 +185,7 @@ fn dome(
             Ok(_) => None,
             Err(reason) => {
                 note_missing(&mut world.description.missing_textures, &file, reason);
-                world.leave_out("pictures of domes, which shine evenly without");
+                world.skip_unsupported("pictures of domes, which shine evenly without");
                 None
             }
         },
@@ -204,7 +204,7 @@ fn dome(
         }
     };
     if place.node.is_some() {
-        world.leave_out("motion of domes");
+        world.skip_unsupported("motion of domes");
     }
     world.description.environment = Some(match world.description.environment.take() {
         Some(first) => first.plus(&own),

@@ -75,7 +75,7 @@ impl World<'_> {
 
     fn read_material(&mut self, path: &str) -> Read<Option<Bound>> {
         let Some(prim) = self.stage.prim(path)? else {
-            self.leave_out("bindings to materials that are not there");
+            self.skip_unsupported("bindings to materials that are not there");
             return Ok(None);
         };
         // Copies of one asset share their materials.
@@ -100,11 +100,11 @@ impl World<'_> {
             None => None,
         };
         let Some(made) = made else {
-            self.leave_out("materials without UsdPreviewSurface, standard_surface or OmniPBR: display colours are shown");
+            self.skip_unsupported("materials without UsdPreviewSurface, standard_surface or OmniPBR: display colours are shown");
             return Ok(None);
         };
         if uses.uvs.len() > 2 {
-            self.leave_out("texture coordinates beyond two sets of a material");
+            self.skip_unsupported("texture coordinates beyond two sets of a material");
             uses.uvs.truncate(2);
         }
         let Uses { uvs, colors, displacement } = uses;
@@ -316,13 +316,13 @@ impl World<'_> {
                         uses.colors = true;
                         return Ok(constant(Vec3::ONE));
                     }
-                    self.leave_out("primvars that materials ask for");
+                    self.skip_unsupported("primvars that materials ask for");
                     return Ok(constant(self.rgb(&node, "fallback", default)?));
                 }
                 match self.picture(&node, &output, Codes::Srgb, uses)? {
                     Some(picture) => picture.color(),
                     None => {
-                        self.leave_out("shaders of other kinds");
+                        self.skip_unsupported("shaders of other kinds");
                         constant(default)
                     }
                 }
@@ -340,7 +340,7 @@ impl World<'_> {
             Input::Shader(node, output) => match self.picture(&node, &output, Codes::Linear, uses)? {
                 Some(picture) => picture.scalar(default),
                 None => {
-                    self.leave_out("shaders of other kinds");
+                    self.skip_unsupported("shaders of other kinds");
                     Scalar::Constant(default)
                 }
             },

@@ -43,17 +43,17 @@ pub fn binding(world: &mut World, prim: &Prim, place: &Place) -> Read<Option<(Bi
         return Ok(None);
     }
     let Some(skeleton) = place.skeleton.clone() else {
-        world.leave_out("skins and blend shapes without a skeleton, or outside of a SkelRoot");
+        world.skip_unsupported("skins and blend shapes without a skeleton, or outside of a SkelRoot");
         return Ok(None);
     };
     if place.instancers > 0 {
-        world.leave_out("skins and blend shapes within prototypes of instancers");
+        world.skip_unsupported("skins and blend shapes within prototypes of instancers");
         return Ok(None);
     }
     for name in ["primvars:skel:skinningMethod", "skel:skinningMethod"] {
         let said = world.stage.value(prim, name)?;
         if said.as_ref().and_then(Value::text).is_some_and(|m| &**m == "dualQuaternion") {
-            world.leave_out("dual quaternions of skins: blending is linear");
+            world.skip_unsupported("dual quaternions of skins: blending is linear");
         }
     }
     let geom_bind = matrices(&world.stage, prim, "primvars:skel:geomBindTransform")?.into_iter().find(DMat4::is_finite);
@@ -62,7 +62,7 @@ pub fn binding(world: &mut World, prim: &Prim, place: &Place) -> Read<Option<(Bi
     for path in paths.iter().take(names.as_ref().map_or(0, |n| n.len())) {
         let shape = world.stage.prim(path)?;
         if shape.is_none() {
-            world.leave_out("blend shapes that are not there");
+            world.skip_unsupported("blend shapes that are not there");
         }
         shapes.push(shape);
     }
@@ -136,7 +136,7 @@ fn bones(world: &mut World, path: &Arc<str>) -> Read<Option<Arc<Bones>>> {
 
 fn make_bones(world: &mut World, path: &Arc<str>) -> Read<Option<Bones>> {
     let (Some(place), Some(prim)) = (world.skeletons.get(path).cloned(), world.stage.prim(path)?) else {
-        world.leave_out("skins whose skeleton is not there, or not in a SkelRoot");
+        world.skip_unsupported("skins whose skeleton is not there, or not in a SkelRoot");
         return Ok(None);
     };
     let names = texts(&world.stage, &prim, "joints")?.unwrap_or_else(|| Arc::new([]));
@@ -144,7 +144,7 @@ fn make_bones(world: &mut World, path: &Arc<str>) -> Read<Option<Bones>> {
     let whole = |m: &DMat4| m.is_finite() && m.determinant().abs() > 1e-300;
     // One without joints may still move blend shapes.
     if bind.len() != names.len() || !bind.iter().all(whole) {
-        world.leave_out("skeletons without a bind transform for each joint");
+        world.skip_unsupported("skeletons without a bind transform for each joint");
         return Ok(None);
     }
     let number_of: HashMap<Arc<str>, usize> = names.iter().enumerate().rev().map(|(i, n)| (n.clone(), i)).collect();
@@ -212,7 +212,7 @@ struct Track {
 
 fn animation(world: &mut World, path: &str) -> Read<Option<Moves>> {
     let Some(prim) = world.stage.prim(path)? else {
-        world.leave_out("animations of skeletons that are not there");
+        world.skip_unsupported("animations of skeletons that are not there");
         return Ok(None);
     };
     if &*world.stage.type_name(&prim)? != "SkelAnimation" {
@@ -243,7 +243,7 @@ fn numbers_over_time(world: &mut World, prim: &Prim, name: &str, count: usize) -
     let before = samples.len();
     let mut keys: Vec<TimeSample> = samples.into_iter().filter(|(t, v)| t.is_finite() && fits(v)).collect();
     if keys.len() < before || at_start.as_ref().is_some_and(|v| !v.is_empty() && !fits(v)) {
-        world.leave_out("animations of skeletons that do not fit their joints");
+        world.skip_unsupported("animations of skeletons that do not fit their joints");
     }
     keys.iter_mut().for_each(|k| k.0 = world.seconds(k.0));
     Ok((at_start.filter(fits).unwrap_or(none), keys))
@@ -301,7 +301,7 @@ pub fn deformer(world: &mut World, binding: &Binding, bending: &VertexBending, m
             Some(names) => names.iter().map(|n| bones.number_of.get(n).copied()).collect(),
         };
         let Some(numbers) = numbers.filter(|n| bending.influences.iter().all(|i| usize::from(i.0) < n.len())) else {
-            world.leave_out("skins with joints that their skeleton does not have");
+            world.skip_unsupported("skins with joints that their skeleton does not have");
             return Ok(None);
         };
         skin = Some(Skin {
@@ -324,7 +324,7 @@ pub fn deformer(world: &mut World, binding: &Binding, bending: &VertexBending, m
         weights = of_targets(&of(&at_start));
         if keys.len() > 1 {
             let keys = with_kinks(&keys, &bending.weights_of, of).unwrap_or_else(|| {
-                world.leave_out("kinks of in-between shapes between key frames: there are too many");
+                world.skip_unsupported("kinks of in-between shapes between key frames: there are too many");
                 keys.iter().map(|(time, values)| (*time, of(values))).collect()
             });
             world.channels.push(Channel {

@@ -4,7 +4,7 @@ use super::*;
 use crate::light::PunctualKind;
 use crate::material::{Coverage, EmissionColor, Scattering};
 use crate::motion::Motion;
-use crate::scene::{Shape, Sight};
+use crate::scene::{CameraProjection, Shape};
 use crate::texture::{Color, Scalar};
 use glam::{Vec2, Vec3};
 
@@ -395,7 +395,9 @@ fn cameras_have_their_angle_and_lens() {
     let text = format!("#usda 1.0\n( metersPerUnit = 0.01 )\n{camera}\ndef Mesh \"m\" {{ {QUAD} }}");
     let d = load(text.into(), "s.usda", &none).unwrap();
     let view = &d.cameras[0];
-    assert!(matches!(view.sight, Sight::Perspective { vertical_fov } if (vertical_fov - 2.0 * 0.24f32.atan()).abs() < 1e-5));
+    assert!(
+        matches!(view.sight, CameraProjection::Perspective { vertical_fov } if (vertical_fov - 2.0 * 0.24f32.atan()).abs() < 1e-5)
+    );
     // 50 mm at f/2: 12.5 mm of radius; sharp at 3 m.
     let [radius, focus] = view.lens.unwrap();
     assert!((radius - 0.0125).abs() < 1e-6 && (focus - 3.0).abs() < 1e-5);

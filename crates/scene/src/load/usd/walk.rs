@@ -9,7 +9,9 @@ use super::world::{Drawn, Form, FormKey, MOST_OBJECTS, Place, Read, World, affin
 use super::{camera, curves, error, light, skeleton, subdivision, transform};
 use crate::load::pbrt::shapes;
 use crate::load::{DisplacedSurface, displaced};
-use crate::motion::{AnimatedProperty, Animation, Channel, Ending, KeyInterpolation, Local, Motion, Node, Parts, Playing};
+use crate::motion::{
+    AnimatedProperty, Animation, AnimationPlayback, Channel, Extrapolation, KeyInterpolation, Local, Motion, Node, Parts,
+};
 use crate::scene::{Description, Object, Shape};
 use crate::shape::Curves;
 use glam::{DMat4, DVec3, Vec3};
@@ -61,7 +63,7 @@ impl World<'_> {
         if !self.channels.is_empty() {
             let animation = Animation { name: "time samples".into(), channels: self.channels };
             self.description.animations.push(animation);
-            self.description.playing = Playing { animations: vec![0], ending: Ending::Clamp, frozen_at_s: None };
+            self.description.playing = AnimationPlayback { animations: vec![0], ending: Extrapolation::Clamp, frozen_at_s: None };
         }
         for view in &mut self.description.cameras {
             view.film.size = self.size;
@@ -107,13 +109,13 @@ impl World<'_> {
             outer.hidden = matches!(&*purpose, "proxy" | "guide");
         }
         if self.stage.field(prim, Key::Clips)?.is_some() {
-            self.leave_out("value clips");
+            self.skip_unsupported("value clips");
         }
         let mut place = self.moved(prim, outer)?;
         self.bind_skeleton(&kind, prim, &mut place)?;
         let has_skin = place.in_skel_root && &*kind != "Mesh";
         if has_skin && self.stage.attribute(prim, "primvars:skel:jointIndices")?.is_some() {
-            self.leave_out("skins of what is no mesh");
+            self.skip_unsupported("skins of what is no mesh");
         }
         let strong = place.material.as_ref().is_some_and(|m| m.1);
         if let Some(bound) = self.binding(prim)?.filter(|_| !strong) {
@@ -143,12 +145,12 @@ impl World<'_> {
             "DistantLight" | "SphereLight" | "RectLight" | "DiskLight" | "CylinderLight" | "DomeLight" | "DomeLight_1" => {
                 light::add(self, &kind, prim, &place)?;
             }
-            "GeometryLight" | "PortalLight" | "PluginLight" => self.leave_out("lights of other kinds"),
-            "NurbsCurves" | "HermiteCurves" => self.leave_out("NURBS and Hermite curves"),
-            "NurbsPatch" | "TetMesh" => self.leave_out("patches and tetrahedra"),
-            "Points" => self.leave_out("points"),
-            "Volume" | "OpenVDBAsset" | "Field3DAsset" => self.leave_out("volumes"),
-            k if k.starts_with("ParticleField") => self.leave_out("Gaussian splats"),
+            "GeometryLight" | "PortalLight" | "PluginLight" => self.skip_unsupported("lights of other kinds"),
+            "NurbsCurves" | "HermiteCurves" => self.skip_unsupported("NURBS and Hermite curves"),
+            "NurbsPatch" | "TetMesh" => self.skip_unsupported("patches and tetrahedra"),
+            "Points" => self.skip_unsupported("points"),
+            "Volume" | "OpenVDBAsset" | "Field3DAsset" => self.skip_unsupported("volumes"),
+            k if k.starts_with("ParticleField") => self.skip_unsupported("Gaussian splats"),
             _ => (),
         }
         Ok(Some(place))
@@ -198,12 +200,12 @@ impl World<'_> {
         }
         match xform.keys {
             Some(_) if place.instancers > 0 => {
-                self.leave_out("motion within prototypes of instancers");
+                self.skip_unsupported("motion within prototypes of instancers");
                 (place.local, place.world) = (place.local * xform.rest, place.world * xform.rest);
             }
             Some(keys) => {
                 if xform.sheared {
-                    self.leave_out("shear of what moves");
+                    self.skip_unsupported("shear of what moves");
                 }
                 let parent = self.node_at(&place, prim.name());
                 let number = self.description.nodes.len();
@@ -261,7 +263,7 @@ impl World<'_> {
 
     fn mesh(&mut self, prim: &Arc<Prim>, place: &Place) -> Read<()> {
         if self.stage.is_animated(prim, "points")? {
-            self.leave_out("points that move by themselves");
+            self.skip_unsupported("points that move by themselves");
         }
         let (binding, shapes) = skeleton::binding(self, prim, place)?.unzip();
         let has_colors = self.stage.value(prim, "primvars:displayColor")?.and_then(|v| v.floats()).is_some_and(|c| c.len() > 3);
@@ -295,11 +297,11 @@ impl World<'_> {
 
     fn curves(&mut self, prim: &Arc<Prim>, place: &Place) -> Read<()> {
         if self.stage.is_animated(prim, "points")? {
-            self.leave_out("points that move by themselves");
+            self.skip_unsupported("points that move by themselves");
         }
         let colors = self.stage.value(prim, "primvars:displayColor")?.and_then(|v| v.floats());
         if colors.is_some_and(|c| c.len() > 3) {
-            self.leave_out("colours that differ from curve to curve");
+            self.skip_unsupported("colours that differ from curve to curve");
         }
         let material = self.bound(place.material.as_ref(), place.color, false)?.number;
         let key = FormKey::Mesh(self.stage.fingerprint(prim), vec![material], false);
@@ -346,7 +348,7 @@ impl World<'_> {
         }
         for name in ["positions", "orientations", "scales"] {
             if self.stage.is_animated(prim, name)? {
-                self.leave_out("instances that move by themselves");
+                self.skip_unsupported("instances that move by themselves");
             }
         }
         let list = |stage: &Stage, name: &str| -> Read<Arc<[f32]>> {
@@ -368,7 +370,7 @@ impl World<'_> {
             };
             match self.stage.prim(&path)? {
                 Some(prototype) => self.walk(vec![prototype], inner)?,
-                None => self.leave_out("prototypes that are not there"),
+                None => self.skip_unsupported("prototypes that are not there"),
             }
             prototypes.push(self.drawn.split_off(before));
         }
@@ -383,7 +385,7 @@ impl World<'_> {
         let ids = ints(&self.stage, "ids")?;
         let count = which.len().min(positions.len() / 3);
         if count < which.len() {
-            self.leave_out("instances without a position");
+            self.skip_unsupported("instances without a position");
         }
         for i in 0..count {
             let id = ids.get(i).copied().unwrap_or(i as i32);
@@ -391,7 +393,7 @@ impl World<'_> {
                 continue;
             }
             let Some(prototype) = usize::try_from(which[i]).ok().and_then(|n| prototypes.get(n)) else {
-                self.leave_out("instances of prototypes that are not there");
+                self.skip_unsupported("instances of prototypes that are not there");
                 continue;
             };
             let at = DVec3::from_array(std::array::from_fn(|k| f64::from(positions[3 * i + k])));
@@ -401,7 +403,7 @@ impl World<'_> {
             let turn = turn.filter(|q| q.length_squared() > 1e-12).map_or(glam::DQuat::IDENTITY, |q| q.normalize());
             let instance = DMat4::from_scale_rotation_translation(scale, turn, at);
             if !instance.is_finite() {
-                self.leave_out("instances that are nowhere");
+                self.skip_unsupported("instances that are nowhere");
                 continue;
             }
             if self.drawn.len() + prototype.len() > MOST_OBJECTS {
@@ -465,7 +467,7 @@ impl World<'_> {
                 self.description.curves.push(Arc::new(*set));
                 (self.description.curves.len() as u32 - 1, material)
             }));
-            meshes.left_out.into_iter().for_each(|what| self.leave_out(what));
+            meshes.left_out.into_iter().for_each(|what| self.skip_unsupported(what));
             let mut own = Vec::new();
             let mut before = meshes.before.into_iter();
             let mut displaced = Vec::new();

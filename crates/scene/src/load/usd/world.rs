@@ -149,7 +149,7 @@ impl<'a> World<'a> {
     }
 
     /// Counts something that is left out.
-    pub fn leave_out(&mut self, what: &'static str) {
+    pub fn skip_unsupported(&mut self, what: &'static str) {
         *self.left_out.entry(what).or_default() += 1;
     }
 

@@ -16,7 +16,7 @@ use crate::exact::{exact_enum, exact_struct};
 use crate::material::microfacet::reflect;
 use diopter_light::color::srgb_of_light;
 use diopter_light::wavelength::{FIRST_NM, LAST_NM};
-use diopter_light::{Sampled, Wavelengths};
+use diopter_light::{SampledSpectrum, SampledWavelengths};
 use glam::{Vec2, Vec3};
 use std::f32::consts::TAU;
 
@@ -176,7 +176,7 @@ impl Adaptive {
     }
 
     /// Seen from a direction.
-    pub(super) fn at(&self, wo: Vec3, wavelengths: &Wavelengths) -> AdaptiveLobe<'_> {
+    pub(super) fn at(&self, wo: Vec3, wavelengths: &SampledWavelengths) -> AdaptiveLobe<'_> {
         // Turned or mirrored to where was measured.
         // A zero gets the sign that keeps atan2 at −π.
         let sign = |v: f32| if v.is_sign_positive() { -1.0 } else { 1.0 };
@@ -199,7 +199,7 @@ impl Adaptive {
     }
 
     /// Where the numbers at the wavelengths of a path are, and the wavelengths where RGB stands for them.
-    fn lanes(&self, wavelengths: &Wavelengths) -> ([(u32, f32); 4], Option<Wavelengths>) {
+    fn lanes(&self, wavelengths: &SampledWavelengths) -> ([(u32, f32); 4], Option<SampledWavelengths>) {
         match &self.bands {
             Bands::Nanometers(nm) if !wavelengths.is_rgb() => {
                 let lane = |at: f32| {
@@ -229,12 +229,12 @@ pub(super) struct AdaptiveLobe<'a> {
     /// 1 / 4σ.
     scale: f32,
     lanes: [(u32, f32); 4],
-    upsampled: Option<Wavelengths>,
+    upsampled: Option<SampledWavelengths>,
 }
 
 impl AdaptiveLobe<'_> {
     /// f cos θ of a direction at a place of the table's square and one of that of half vectors.
-    fn value(&self, at: Vec2, half: Vec2, wi: Vec3) -> Sampled {
+    fn value(&self, at: Vec2, half: Vec2, wi: Vec3) -> SampledSpectrum {
         let Adaptive { size, stride, samples, .. } = self.table;
         let ([column, row], p) = cell(*size, at);
         let mut sum = [0.0f32; 4];
@@ -250,17 +250,17 @@ impl AdaptiveLobe<'_> {
             }
         }
         let scale = if self.table.is_divided { self.scale * self.table.ndf.at(half, &Blend::ONE).max(0.0) } else { 1.0 };
-        let value = Sampled::from_array(sum).max(Sampled::ZERO) * scale;
+        let value = SampledSpectrum::from_array(sum).max(SampledSpectrum::ZERO) * scale;
         let value = match &self.upsampled {
             Some(wavelengths) => brdf_of_rgb(value.truncate() / wi.z, wavelengths) * wi.z,
             None => value,
         };
-        if value.is_finite() { value } else { Sampled::ZERO }
+        if value.is_finite() { value } else { SampledSpectrum::ZERO }
     }
 
-    pub(super) fn eval(&self, wi: Vec3) -> (Sampled, f32) {
+    pub(super) fn eval(&self, wi: Vec3) -> (SampledSpectrum, f32) {
         let wi = wi * self.flip;
-        let Some(h) = (self.wo + wi).try_normalize() else { return (Sampled::ZERO, 0.0) };
+        let Some(h) = (self.wo + wi).try_normalize() else { return (SampledSpectrum::ZERO, 0.0) };
         let half = place_of(elevation(h), turns_of(h) - self.zero + 0.5);
         let (at, visible) = self.table.vndf.invert(half, &self.blend);
         let pdf = visible * self.table.luminance.pdf(at, &self.blend) / self.spread(half, h);

@@ -13,7 +13,7 @@ use super::{LocalScatter, brdf_of_rgb, direction, elevation, place_of, solid_ang
 use crate::exact::exact_struct;
 use crate::material::microfacet::reflect;
 use diopter_light::color::SRGB_LUMINANCE;
-use diopter_light::{Sampled, Wavelengths, sampling};
+use diopter_light::{SampledSpectrum, SampledWavelengths, sampling};
 use glam::{Vec2, Vec3};
 use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, PI, TAU};
 
@@ -117,7 +117,7 @@ impl HalfDifference {
     }
 
     /// Seen from a direction.
-    pub(super) fn at(&self, wo: Vec3, wavelengths: &Wavelengths) -> HalfDifferenceLobe<'_> {
+    pub(super) fn at(&self, wo: Vec3, wavelengths: &SampledWavelengths) -> HalfDifferenceLobe<'_> {
         let blend = Blend::new(&[0.0], &self.views, 0.0, elevation(wo));
         HalfDifferenceLobe { table: self, wo, zero: turns_of(wo), blend, wavelengths: *wavelengths }
     }
@@ -129,13 +129,13 @@ pub(super) struct HalfDifferenceLobe<'a> {
     wo: Vec3,
     zero: f32,
     blend: Blend,
-    wavelengths: Wavelengths,
+    wavelengths: SampledWavelengths,
 }
 
 impl HalfDifferenceLobe<'_> {
-    fn value(&self, wi: Vec3) -> Sampled {
+    fn value(&self, wi: Vec3) -> SampledSpectrum {
         let value = brdf_of_rgb(self.table.rgb(self.wo, wi), &self.wavelengths) * wi.z;
-        if value.is_finite() { value } else { Sampled::ZERO }
+        if value.is_finite() { value } else { SampledSpectrum::ZERO }
     }
 
     /// Density of directions; `h` is the half vector.
@@ -149,8 +149,8 @@ impl HalfDifferenceLobe<'_> {
         COSINE * wi.z * FRAC_1_PI + (1.0 - COSINE) * by_half
     }
 
-    pub(super) fn eval(&self, wi: Vec3) -> (Sampled, f32) {
-        let Some(h) = (self.wo + wi).try_normalize() else { return (Sampled::ZERO, 0.0) };
+    pub(super) fn eval(&self, wi: Vec3) -> (SampledSpectrum, f32) {
+        let Some(h) = (self.wo + wi).try_normalize() else { return (SampledSpectrum::ZERO, 0.0) };
         (self.value(wi), self.pdf(wi, h))
     }
 

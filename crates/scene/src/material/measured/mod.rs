@@ -14,7 +14,7 @@ use crate::exact::{exact_enum, exact_struct};
 use adaptive::{Adaptive, AdaptiveLobe};
 use diopter_light::color::SRGB_LUMINANCE;
 use diopter_light::upsample::Sigmoid;
-use diopter_light::{Sampled, Wavelengths};
+use diopter_light::{SampledSpectrum, SampledWavelengths};
 use glam::{Vec2, Vec3};
 use half_difference::{HalfDifference, HalfDifferenceLobe};
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
@@ -79,13 +79,13 @@ impl Measured {
     }
 
     /// Seen from a direction of the local frame.
-    pub(super) fn at(&self, wo: Vec3, wavelengths: &Wavelengths) -> MeasuredLobe<'_> {
+    pub(super) fn at(&self, wo: Vec3, wavelengths: &SampledWavelengths) -> MeasuredLobe<'_> {
         MeasuredLobe { kind: self.table.at(wo, wavelengths), alpha: self.alpha }
     }
 }
 
 impl Table {
-    fn at(&self, wo: Vec3, wavelengths: &Wavelengths) -> Kind<'_> {
+    fn at(&self, wo: Vec3, wavelengths: &SampledWavelengths) -> Kind<'_> {
         match self {
             Table::Adaptive(table) => Kind::Adaptive(table.at(wo, wavelengths)),
             Table::HalfDifference(table) => Kind::HalfDifference(table.at(wo, wavelengths)),
@@ -120,9 +120,9 @@ impl MeasuredLobe<'_> {
     }
 
     /// f cos θ and the density of [`MeasuredLobe::sample`].
-    pub(super) fn eval(&self, wi: Vec3) -> (Sampled, f32) {
+    pub(super) fn eval(&self, wi: Vec3) -> (SampledSpectrum, f32) {
         if wi.z <= 0.0 {
-            return (Sampled::ZERO, 0.0);
+            return (SampledSpectrum::ZERO, 0.0);
         }
         match &self.kind {
             Kind::Adaptive(lobe) => lobe.eval(wi),
@@ -139,7 +139,7 @@ impl MeasuredLobe<'_> {
 fn survey(table: &Table) -> (Vec3, f32) {
     // Points a side of the lattice.
     const SIDE: usize = 32;
-    let lobe = table.at(Vec3::Z, &Wavelengths::rgb());
+    let lobe = table.at(Vec3::Z, &SampledWavelengths::rgb());
     let place = |i: usize| (i as f32 + 0.5) / SIDE as f32;
     let (mut reflectance, mut angles) = (Vec3::ZERO, Vec::new());
     for i in 0..SIDE * SIDE {
@@ -195,9 +195,9 @@ fn turns_of(w: Vec3) -> f32 {
 
 /// A BRDF given as linear sRGB at the wavelengths of a path: π f as reflectances are upsampled, and above 1 its colour times its size, so that a table of
 /// a Lambertian surface is that surface.
-fn brdf_of_rgb(rgb: Vec3, wavelengths: &Wavelengths) -> Sampled {
+fn brdf_of_rgb(rgb: Vec3, wavelengths: &SampledWavelengths) -> SampledSpectrum {
     if wavelengths.is_rgb() {
-        return Wavelengths::lanes(rgb);
+        return SampledWavelengths::lanes(rgb);
     }
     let reflectance = rgb * PI;
     let scale = reflectance.max_element().max(1.0);

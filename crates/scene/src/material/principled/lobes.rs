@@ -6,15 +6,15 @@ use crate::material::film::FilmLayer;
 use crate::material::local_scatter::{Breadth, LocalScatter};
 use crate::material::microfacet::{Ggx, cosine_of, fresnel_dielectric, fresnel_schlick, reflect, refract};
 use crate::material::sheen::SheenLobe;
-use diopter_light::{Sampled, sampling};
+use diopter_light::{SampledSpectrum, sampling};
 use glam::Vec3;
 use std::f32::consts::{FRAC_1_PI, TAU};
 
 /// The model at a point.
 pub(in crate::material) struct PrincipledLobes<'a> {
-    pub(super) base: Sampled,
+    pub(super) base: SampledSpectrum,
     /// The diffuse base as it counts below the interface.
-    pub(super) under: Sampled,
+    pub(super) under: SampledSpectrum,
     pub(super) pane: bool,
     pub(super) metallic: f32,
     pub(super) roughness: f32,
@@ -29,7 +29,7 @@ pub(in crate::material) struct PrincipledLobes<'a> {
     pub(super) eta: f32,
     pub(super) dispersive: bool,
     /// Factor on refracted light: all wavelengths, or the hero alone.
-    pub(super) dispersed: Sampled,
+    pub(super) dispersed: SampledSpectrum,
     pub(super) coat: f32,
     pub(super) coat_roughness: f32,
     pub(super) interface: &'a Interface,
@@ -47,14 +47,14 @@ pub(super) struct Tint {
     pub weight: f32,
     /// Of the dielectric itself.
     pub f0: f32,
-    pub normal: Sampled,
+    pub normal: SampledSpectrum,
 }
 
 impl Tint {
-    pub fn of(&self, reflected: f32) -> Sampled {
+    pub fn of(&self, reflected: f32) -> SampledSpectrum {
         // Below 0 where rough facets lose light: a weight alone then stays a factor.
         let rise = (reflected - self.f0) / (1.0 - self.f0);
-        (self.normal + (Sampled::splat(self.weight) - self.normal) * rise).max(Sampled::ZERO)
+        (self.normal + (SampledSpectrum::splat(self.weight) - self.normal) * rise).max(SampledSpectrum::ZERO)
     }
 }
 
@@ -62,19 +62,19 @@ impl Tint {
 pub(super) struct OverFilm {
     pub layer: FilmLayer,
     /// Index of the dielectric.
-    pub below: Sampled,
+    pub below: SampledSpectrum,
     /// Of a real one that reflects as much as the metal.
-    pub metal: Sampled,
+    pub metal: SampledSpectrum,
     /// Sine outside over sine on the side of view.
     pub outer_sin: f32,
     /// What the dielectric reflects of light from everywhere.
-    pub average: Sampled,
+    pub average: SampledSpectrum,
 }
 
 impl OverFilm {
-    fn reflectance(&self, cos: f32, base: Sampled) -> Sampled {
+    fn reflectance(&self, cos: f32, base: SampledSpectrum) -> SampledSpectrum {
         let outer = 1.0 - (1.0 - cos * cos) * self.outer_sin * self.outer_sin;
-        if outer <= 0.0 { Sampled::ONE } else { self.layer.reflectance(outer.sqrt(), base) }
+        if outer <= 0.0 { SampledSpectrum::ONE } else { self.layer.reflectance(outer.sqrt(), base) }
     }
 }
 
@@ -82,9 +82,9 @@ impl OverFilm {
 #[derive(Clone, Copy, Default)]
 pub(super) struct View {
     /// Fraction the dielectric layer reflects, or keeps from what is below.
-    pub reflected: Sampled,
+    pub reflected: SampledSpectrum,
     /// Factor that gives back what single scattering loses: metal, solid glass.
-    pub metal_gain: Sampled,
+    pub metal_gain: SampledSpectrum,
     pub glass_gain: f32,
     /// What the coat lets through, and reflects.
     pub below_coat: f32,
@@ -95,18 +95,18 @@ pub(super) struct View {
 impl PrincipledLobes<'_> {
     /// Fraction of light that the dielectric reflects at a cosine, with its tint and film: by one face, or by both of a pane. Source: pbrt, §9.5.1:
     /// R + T² R / (1 − R²).
-    pub(super) fn dielectric(&self, cos: f32) -> Sampled {
+    pub(super) fn dielectric(&self, cos: f32) -> SampledSpectrum {
         let r = fresnel_dielectric(cos, self.eta);
         let bare = if self.pane { 2.0 * r / (1.0 + r) } else { r };
-        let bare = self.tint.as_ref().map_or(Sampled::splat(bare), |t| t.of(bare));
+        let bare = self.tint.as_ref().map_or(SampledSpectrum::splat(bare), |t| t.of(bare));
         let Some(film) = &self.film else { return bare };
         let r = film.reflectance(cos, film.below);
-        let covered = if self.pane { r * 2.0 / (Sampled::ONE + r) } else { r };
+        let covered = if self.pane { r * 2.0 / (SampledSpectrum::ONE + r) } else { r };
         bare.lerp(covered, film.layer.fraction)
     }
 
     /// Reflectance of the metal at a cosine.
-    pub(super) fn metal(&self, cos: f32) -> Sampled {
+    pub(super) fn metal(&self, cos: f32) -> SampledSpectrum {
         let bare = fresnel_schlick(cos, self.base);
         match &self.film {
             Some(film) => bare.lerp(film.reflectance(cos, film.metal), film.layer.fraction),
@@ -115,25 +115,25 @@ impl PrincipledLobes<'_> {
     }
 
     /// What layers below go without in a direction: the largest of a tint's colours, of films each wavelength's own.
-    fn directional_albedo(&self, w: Vec3) -> Sampled {
+    fn directional_albedo(&self, w: Vec3) -> SampledSpectrum {
         let cos = w.z;
         let reflected = match self.smooth() {
             true => fresnel_dielectric(cos, self.eta),
             false => self.interface().reflected(self.facets, w),
         };
         let bare = self.tint.as_ref().map_or(reflected, |t| t.of(reflected).max_element());
-        let Some(film) = &self.film else { return Sampled::splat(bare) };
+        let Some(film) = &self.film else { return SampledSpectrum::splat(bare) };
         let mirror_albedo_at = self.mirror_albedo_at(w);
         let cos = if self.smooth() { cos } else { cosine_of(reflected / mirror_albedo_at, self.eta) };
-        Sampled::splat(bare).lerp(film.reflectance(cos, film.below) * mirror_albedo_at, film.layer.fraction)
+        SampledSpectrum::splat(bare).lerp(film.reflectance(cos, film.below) * mirror_albedo_at, film.layer.fraction)
     }
 
     /// The same of light from everywhere.
-    fn average_albedo(&self, roughness: f32) -> Sampled {
+    fn average_albedo(&self, roughness: f32) -> SampledSpectrum {
         let reflected = self.interface().average_reflected(roughness);
         let bare = self.tint.as_ref().map_or(reflected, |t| t.of(reflected).max_element());
-        let Some(film) = &self.film else { return Sampled::splat(bare) };
-        Sampled::splat(bare).lerp(film.average, film.layer.fraction)
+        let Some(film) = &self.film else { return SampledSpectrum::splat(bare) };
+        SampledSpectrum::splat(bare).lerp(film.average, film.layer.fraction)
     }
 
     /// Fraction that a perfect mirror of these facets reflects at once.
@@ -174,7 +174,7 @@ impl PrincipledLobes<'_> {
 
         let base = self.base.element_sum() * 0.25;
         let dielectric = 1.0 - self.metallic;
-        let mean = |s: Sampled| s.element_sum() * 0.25;
+        let mean = |s: SampledSpectrum| s.element_sum() * 0.25;
         let (fresnel, reflected_mean) = (mean(self.dielectric(wo.z)), mean(reflected));
         let (first, second) = if self.solid {
             (reflected_mean * (1.0 - self.transmission) + fresnel * self.transmission, 1.0 - fresnel)
@@ -203,7 +203,7 @@ impl PrincipledLobes<'_> {
         let choice = if total > 0.0 { weights.map(|w| w / total) } else { [1.0, 0.0, 0.0, 0.0, 0.0] };
         View {
             reflected,
-            metal_gain: Sampled::ONE + self.base * ((1.0 - mirror) / mirror),
+            metal_gain: SampledSpectrum::ONE + self.base * ((1.0 - mirror) / mirror),
             glass_gain: 1.0 / glass.max(1e-3),
             below_coat,
             choice,
@@ -217,14 +217,14 @@ impl PrincipledLobes<'_> {
     }
 
     /// Fraction of what a facet met at a cosine sends on that it should be seen to reflect.
-    fn reflected_share(&self, view: &View, cos: f32) -> f32 {
+    fn reflection_probability(&self, view: &View, cos: f32) -> f32 {
         if !self.by_facet() {
             return 1.0;
         }
-        let mean = |s: Sampled| s.element_sum() * 0.25;
+        let mean = |s: SampledSpectrum| s.element_sum() * 0.25;
         let reflects = mean(self.facet_reflectance(view, cos));
         let amount = view.below_coat * (1.0 - self.metallic) * self.transmission * view.glass_gain;
-        let transmits = amount * mean((Sampled::ONE - self.dielectric(cos)) * self.base);
+        let transmits = amount * mean((SampledSpectrum::ONE - self.dielectric(cos)) * self.base);
         if transmits > 0.0 { reflects / (reflects + transmits) } else { 1.0 }
     }
 
@@ -238,7 +238,7 @@ impl PrincipledLobes<'_> {
     }
 
     /// Reflectance of a facet, everything but the distribution of facets.
-    pub(super) fn facet_reflectance(&self, view: &View, cos: f32) -> Sampled {
+    pub(super) fn facet_reflectance(&self, view: &View, cos: f32) -> SampledSpectrum {
         let solid = if self.solid { self.transmission } else { 0.0 };
         let dielectric = self.dielectric(cos) * (1.0 - solid + solid * view.glass_gain);
         (self.metal(cos) * view.metal_gain * self.metallic + dielectric * (1.0 - self.metallic)) * view.below_coat
@@ -250,12 +250,12 @@ impl PrincipledLobes<'_> {
     }
 
     /// What a smooth thin sheet lets straight through.
-    pub(in crate::material) fn straight_through(&self, wo: Vec3) -> Option<Sampled> {
+    pub(in crate::material) fn straight_through(&self, wo: Vec3) -> Option<SampledSpectrum> {
         if self.solid || !self.smooth() || self.transmission <= 0.0 {
             return None;
         }
         let amount = self.seen.below_coat * (1.0 - self.metallic) * self.transmission * self.past_sheen(wo, -wo);
-        Some(self.base * (Sampled::ONE - self.dielectric(wo.z)) * amount)
+        Some(self.base * (SampledSpectrum::ONE - self.dielectric(wo.z)) * amount)
     }
 
     /// Whether all it does is to mirror and to let through.
@@ -264,7 +264,7 @@ impl PrincipledLobes<'_> {
         self.smooth() && diffuse == 0.0 && coat == 0.0 && sheen == 0.0
     }
 
-    pub(in crate::material) fn eval(&self, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
+    pub(in crate::material) fn eval(&self, wo: Vec3, wi: Vec3) -> (SampledSpectrum, f32) {
         self.eval_lobes(wo, wi, 0.0)
     }
 
@@ -282,18 +282,18 @@ impl PrincipledLobes<'_> {
 
     /// [`PrincipledLobes::eval`] without the lobes that are narrower than a GGX width.
     #[inline]
-    pub(in crate::material) fn eval_lobes(&self, wo: Vec3, wi: Vec3, least_alpha: f32) -> (Sampled, f32) {
+    pub(in crate::material) fn eval_lobes(&self, wo: Vec3, wi: Vec3, least_alpha: f32) -> (SampledSpectrum, f32) {
         let wide = !self.smooth() && self.facets.is_wide(least_alpha);
         let view = &self.seen;
         let [p_specular, p_diffuse, p_transmission, p_coat, p_sheen] = view.choice;
-        let (mut f, mut pdf) = (Sampled::ZERO, 0.0);
+        let (mut f, mut pdf) = (SampledSpectrum::ZERO, 0.0);
         if wi.z > 0.0 {
             let h = (wo + wi).normalize();
             let cos = wo.dot(h);
             if wide {
                 let d = self.facets.d(h) / (4.0 * wo.z);
                 f += self.facet_reflectance(view, cos) * (d * self.facets.g2(wo, wi));
-                pdf += p_specular * self.reflected_share(view, cos) * d * self.facets.g1(wo);
+                pdf += p_specular * self.reflection_probability(view, cos) * d * self.facets.g1(wo);
             }
             if p_diffuse > 0.0 {
                 f += self.diffuse(wi);
@@ -306,21 +306,24 @@ impl PrincipledLobes<'_> {
             let facets = self.coat_facets();
             if p_coat > 0.0 && facets.is_wide(least_alpha) {
                 let d = facets.d(h) / (4.0 * wo.z);
-                f += Sampled::splat(self.coat * fresnel_dielectric(cos, COAT_IOR) * d * facets.g2(wo, wi));
+                f += SampledSpectrum::splat(self.coat * fresnel_dielectric(cos, COAT_IOR) * d * facets.g2(wo, wi));
                 pdf += p_coat * d * facets.g1(wo);
             }
         } else if (p_transmission > 0.0 || self.by_facet()) && wide && wi.z < 0.0 {
             let amount = view.below_coat * (1.0 - self.metallic) * self.transmission * self.past_sheen(wo, wi);
             if self.solid {
                 let (value, density, cos) = self.eval_refraction(wo, wi);
-                f += self.base * self.dispersed * (Sampled::ONE - self.dielectric(cos)) * (amount * view.glass_gain * value);
-                pdf += p_specular * (1.0 - self.reflected_share(view, cos)) * density;
+                f += self.base
+                    * self.dispersed
+                    * (SampledSpectrum::ONE - self.dielectric(cos))
+                    * (amount * view.glass_gain * value);
+                pdf += p_specular * (1.0 - self.reflection_probability(view, cos)) * density;
             } else {
                 // A blurred view straight through: the mirror lobe folded to the other side.
                 let wi = Vec3::new(wi.x, wi.y, -wi.z);
                 let h = (wo + wi).normalize();
                 let d = self.facets.d(h) / (4.0 * wo.z);
-                let gain = (Sampled::ONE - view.reflected) / self.mirror_albedo_at(wo);
+                let gain = (SampledSpectrum::ONE - view.reflected) / self.mirror_albedo_at(wo);
                 f += self.base * gain * (amount * d * self.facets.g2(wo, wi));
                 pdf += p_transmission * d * self.facets.g1(wo);
             }
@@ -330,11 +333,11 @@ impl PrincipledLobes<'_> {
 
     /// f cos θ of the diffuse base, with what the interface above it keeps on both ways.
     #[inline]
-    pub(super) fn diffuse(&self, wi: Vec3) -> Sampled {
+    pub(super) fn diffuse(&self, wi: Vec3) -> SampledSpectrum {
         let r = if self.smooth() { 0.0 } else { self.roughness };
-        let into = Sampled::ONE - self.directional_albedo(wi);
-        let fraction =
-            (Sampled::ONE - self.seen.reflected) * into / (Sampled::ONE - self.average_albedo(r)).max(Sampled::splat(1e-3));
+        let into = SampledSpectrum::ONE - self.directional_albedo(wi);
+        let fraction = (SampledSpectrum::ONE - self.seen.reflected) * into
+            / (SampledSpectrum::ONE - self.average_albedo(r)).max(SampledSpectrum::splat(1e-3));
         let amount = self.seen.below_coat * (1.0 - self.metallic) * (1.0 - self.transmission);
         self.under * fraction * (amount * wi.z * FRAC_1_PI)
     }
@@ -369,7 +372,7 @@ impl PrincipledLobes<'_> {
                 return Some(LocalScatter { wi, weight, pdf: p_specular, specular: true, disperses });
             }
             let h = self.facets.sample_visible(wo, direction);
-            if u[2] < p_specular * self.reflected_share(view, wo.dot(h)) {
+            if u[2] < p_specular * self.reflection_probability(view, wo.dot(h)) {
                 above(reflect(wo, h))?
             } else {
                 disperses = self.dispersive;
@@ -384,7 +387,8 @@ impl PrincipledLobes<'_> {
                     true => (refract(wo, Vec3::Z, self.bend)?, 1.0 / (self.bend * self.bend)),
                     false => (-wo, 1.0),
                 };
-                let fraction = (Sampled::ONE - self.dielectric(wo.z)) * (amount * self.past_sheen(wo, wi) / p_transmission);
+                let fraction =
+                    (SampledSpectrum::ONE - self.dielectric(wo.z)) * (amount * self.past_sheen(wo, wi) / p_transmission);
                 return Some(LocalScatter {
                     wi,
                     weight: self.base * fraction * scale,
@@ -408,7 +412,7 @@ impl PrincipledLobes<'_> {
             return None;
         }
         // `eval` gives the dispersed lobe to the hero alone already; the path must not do so again.
-        let weight = if disperses { Sampled::splat(f.x / self.dispersed.x) } else { f } / pdf;
+        let weight = if disperses { SampledSpectrum::splat(f.x / self.dispersed.x) } else { f } / pdf;
         Some(LocalScatter { wi, weight, pdf, specular: false, disperses })
     }
 }

@@ -10,14 +10,14 @@ use super::{COAT_IOR, PrincipledLobes};
 use crate::material::energy::PolarizedAs;
 use crate::material::microfacet::fresnel_schlick;
 use crate::material::polarization::{Complex, Event, InPlane, conductor, dielectric, pane, s_axis};
-use diopter_light::Sampled;
+use diopter_light::SampledSpectrum;
 use glam::Vec3;
 
 /// Reflectance at normal incidence of a metal above which k counts as that of this one: k = 200.
 const BRIGHTEST: f32 = 0.9999;
 
 /// Light that goes through unchanged.
-const ALL: InPlane = InPlane { s: Sampled::ONE, p: Sampled::ONE, z: Complex::ONE };
+const ALL: InPlane = InPlane { s: SampledSpectrum::ONE, p: SampledSpectrum::ONE, z: Complex::ONE };
 
 impl PrincipledLobes<'_> {
     /// What the dielectric reflects and transmits of each component at a cosine, with its tint and film: the mean of the first is
@@ -29,10 +29,10 @@ impl PrincipledLobes<'_> {
             None => bare,
             Some(tint) => {
                 let r = bare[0].mean();
-                let factor = tint.of(r.x) / r.max(Sampled::splat(1e-12));
+                let factor = tint.of(r.x) / r.max(SampledSpectrum::splat(1e-12));
                 let r = bare[0].scaled(factor);
-                let [s, p] = [r.s, r.p].map(|r| (Sampled::ONE - r).max(Sampled::ZERO));
-                let z = Sampled::from_array((s * p).to_array().map(f32::sqrt));
+                let [s, p] = [r.s, r.p].map(|r| (SampledSpectrum::ONE - r).max(SampledSpectrum::ZERO));
+                let z = SampledSpectrum::from_array((s * p).to_array().map(f32::sqrt));
                 [r, InPlane { s, p, z: Complex::real(z) }]
             }
         };
@@ -42,46 +42,46 @@ impl PrincipledLobes<'_> {
             return bare;
         }
         let covered = faces(film.layer.in_plane(outer.sqrt(), film.below));
-        let fraction = Sampled::splat(film.layer.fraction);
-        [0, 1].map(|i: usize| bare[i].scaled(Sampled::ONE - fraction).plus(covered[i].scaled(fraction)))
+        let fraction = SampledSpectrum::splat(film.layer.fraction);
+        [0, 1].map(|i: usize| bare[i].scaled(SampledSpectrum::ONE - fraction).plus(covered[i].scaled(fraction)))
     }
 
     /// What the metal reflects of each component; its mean is [`PrincipledLobes::metal`].
     fn metal_in_plane(&self, cos: f32) -> InPlane {
-        let f0 = self.base.clamp(Sampled::ZERO, Sampled::splat(BRIGHTEST));
+        let f0 = self.base.clamp(SampledSpectrum::ZERO, SampledSpectrum::splat(BRIGHTEST));
         // R = k² / (4 + k²) of n = 1.
-        let k = Sampled::from_array((f0 / (Sampled::ONE - f0)).to_array().map(|x| 2.0 * x.sqrt()));
-        let bare = conductor(cos, Sampled::ONE, k).normalized();
+        let k = SampledSpectrum::from_array((f0 / (SampledSpectrum::ONE - f0)).to_array().map(|x| 2.0 * x.sqrt()));
+        let bare = conductor(cos, SampledSpectrum::ONE, k).normalized();
         let schlick = fresnel_schlick(cos, self.base);
         match &self.film {
             None => bare.scaled(schlick),
             Some(film) => {
-                let fraction = Sampled::splat(film.layer.fraction);
+                let fraction = SampledSpectrum::splat(film.layer.fraction);
                 let covered = film.layer.in_plane(cos, film.metal)[0];
-                bare.scaled(schlick * (Sampled::ONE - fraction)).plus(covered.scaled(fraction))
+                bare.scaled(schlick * (SampledSpectrum::ONE - fraction)).plus(covered.scaled(fraction))
             }
         }
     }
 
     /// What facets reflect of each component, and what bounces between them: with no change of polarisation, [`PrincipledLobes::facet_reflectance`].
-    fn facets_in_plane(&self, cos: f32) -> (InPlane, Sampled) {
+    fn facets_in_plane(&self, cos: f32) -> (InPlane, SampledSpectrum) {
         let view = &self.seen;
         let solid = if self.solid { self.transmission } else { 0.0 };
         let (metal, glass) = (self.metallic * view.below_coat, (1.0 - self.metallic) * view.below_coat);
         let plane = self
             .metal_in_plane(cos)
-            .scaled(Sampled::splat(metal))
-            .plus(self.dielectric_in_plane(cos)[0].scaled(Sampled::splat(glass)));
-        let rest = self.metal(cos) * (view.metal_gain - Sampled::ONE) * metal
+            .scaled(SampledSpectrum::splat(metal))
+            .plus(self.dielectric_in_plane(cos)[0].scaled(SampledSpectrum::splat(glass)));
+        let rest = self.metal(cos) * (view.metal_gain - SampledSpectrum::ONE) * metal
             + self.dielectric(cos) * (solid * (view.glass_gain - 1.0).max(0.0) * glass);
         (plane, rest)
     }
 
     /// The way of light through the coat, where there is one.
     fn through_coat(&self, w: Vec3) -> Event {
-        let coat = Sampled::splat(self.coat);
+        let coat = SampledSpectrum::splat(self.coat);
         let through = self.coat_interface.through(self.coat_facets(), w);
-        Event::in_plane(s_axis(Vec3::Z, w), &ALL.scaled(Sampled::ONE - coat).plus(through.scaled(coat)))
+        Event::in_plane(s_axis(Vec3::Z, w), &ALL.scaled(SampledSpectrum::ONE - coat).plus(through.scaled(coat)))
     }
 
     /// The way of light through the interface: from or to the diffuse base, or through a sheet.
@@ -115,7 +115,7 @@ impl PrincipledLobes<'_> {
         let (s, cos) = (s_axis(h, wo), wo.dot(h));
         let mut under_sheen = Event::NOTHING;
         if !self.smooth() {
-            let d = Sampled::splat(self.facets.d(h) / (4.0 * wo.z) * self.facets.g2(wo, wi));
+            let d = SampledSpectrum::splat(self.facets.d(h) / (4.0 * wo.z) * self.facets.g2(wo, wi));
             let (plane, rest) = self.facets_in_plane(cos);
             under_sheen = Event::mixed(s, &plane.scaled(d), rest * d);
         }
@@ -126,7 +126,7 @@ impl PrincipledLobes<'_> {
         let mut below = under_sheen;
         if let Some(sheen) = &self.sheen {
             let sent = Event::mixed(s, &InPlane::NOTHING, sheen.eval(wo, wi) * view.below_coat);
-            below = under_sheen.scaled(Sampled::splat(sheen.through(wo, wi))).plus(&sent, s, wo, wi);
+            below = under_sheen.scaled(SampledSpectrum::splat(sheen.through(wo, wi))).plus(&sent, s, wo, wi);
         }
         below = Event { outgoing: s, incoming: s, ..below };
         let all = self.eval(wo, wi).0;
@@ -136,15 +136,15 @@ impl PrincipledLobes<'_> {
         let below = self.through_coat(wo).then(&below, wo).then(&self.through_coat(wi), -wi);
         let facets = self.coat_facets();
         let d = self.coat * facets.d(h) / (4.0 * wo.z) * facets.g2(wo, wi);
-        let coat = Event::in_plane(s, &dielectric(cos, COAT_IOR)[0].scaled(Sampled::splat(d)));
+        let coat = Event::in_plane(s, &dielectric(cos, COAT_IOR)[0].scaled(SampledSpectrum::splat(d)));
         coat.plus(&below, s, wo, wi).over(all)
     }
 
     /// Light that goes through.
     fn transmission(&self, wo: Vec3, wi: Vec3, specular: bool) -> Event {
-        let macroscopic = |reflected: Sampled| {
+        let macroscopic = |reflected: SampledSpectrum| {
             let through = self.dielectric_in_plane(wo.z)[1];
-            Event::in_plane(s_axis(Vec3::Z, wo), &through).over(Sampled::ONE - reflected)
+            Event::in_plane(s_axis(Vec3::Z, wo), &through).over(SampledSpectrum::ONE - reflected)
         };
         if specular {
             return macroscopic(self.dielectric(wo.z));
@@ -156,9 +156,9 @@ impl PrincipledLobes<'_> {
         let Some(h) = (wi * self.bend + wo).try_normalize() else { return Event::DEPOLARIZES };
         let h = if h.z < 0.0 { -h } else { h };
         let cos = wo.dot(h);
-        let once = Sampled::splat(1.0 / self.seen.glass_gain.max(1.0));
+        let once = SampledSpectrum::splat(1.0 / self.seen.glass_gain.max(1.0));
         let through = self.dielectric_in_plane(cos)[1];
-        let all = Sampled::ONE - self.dielectric(cos);
-        Event::mixed(s_axis(h, wo), &through.scaled(once), all * (Sampled::ONE - once)).over(all)
+        let all = SampledSpectrum::ONE - self.dielectric(cos);
+        Event::mixed(s_axis(h, wo), &through.scaled(once), all * (SampledSpectrum::ONE - once)).over(all)
     }
 }

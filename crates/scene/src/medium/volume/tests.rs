@@ -14,7 +14,7 @@ fn random_place(i: u32, b: &Bounds) -> Vec3 {
 fn assert_bounded(volume: &Volume) {
     let b = *volume.bounds();
     let size = volume.cells();
-    let waves = [Wavelengths::fixed([390.0, 480.0, 570.0, 690.0]), Wavelengths::rgb()];
+    let waves = [SampledWavelengths::fixed([390.0, 480.0, 570.0, 690.0]), SampledWavelengths::rgb()];
     for i in 0..20_000 {
         let p = random_place(i, &b);
         let unit = (p - b.min) / b.size();
@@ -77,13 +77,13 @@ fn places_move_straight_and_keep_still_before_and_after() {
 fn black_bodies_have_one_peak_whatever_their_temperature() {
     // 5269 K: brightest at 550 nm.
     let kelvin = WIEN_NM_K / 550.0;
-    let found = black_body(kelvin, &Wavelengths::fixed([400.0, 550.0, 560.0, 780.0]));
+    let found = black_body(kelvin, &SampledWavelengths::fixed([400.0, 550.0, 560.0, 780.0]));
     assert!((found.y - 1.0).abs() < 1e-5 && found.x < 0.9 && found.w < 0.9, "{found}");
     // Tables of colours follow the integral.
     for kelvin in [1000.0, 1850.0, 3300.0, 6500.0] {
         let peak = 1.0 / blackbody(WIEN_NM_K / kelvin, kelvin);
         let exact = srgb_of_light(|nm| blackbody(nm, kelvin) * peak);
-        let found = black_body(kelvin, &Wavelengths::rgb()).truncate();
+        let found = black_body(kelvin, &SampledWavelengths::rgb()).truncate();
         assert!((found - exact).abs().max_element() < 2e-3 * exact.abs().max_element(), "{kelvin}: {found} {exact}");
     }
 }

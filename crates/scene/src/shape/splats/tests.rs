@@ -6,7 +6,7 @@ use crate::scene::{Description, Object, Scene, Shape};
 use crate::shape::Quad;
 use diopter_light::color::SRGB_LUMINANCE;
 use diopter_light::random::{Sampler, SamplerKind, mix, to_unit};
-use diopter_light::{Ray, Sampled, Spectrum, Wavelengths};
+use diopter_light::{Ray, SampledSpectrum, SampledWavelengths, Spectrum};
 use glam::{Affine3A, DMat3, DVec3};
 
 fn random(seed: u32) -> Vec3 {
@@ -57,12 +57,12 @@ fn along(start: Vec3, direction: Vec3, count: u32) -> impl Iterator<Item = Ray> 
 
 /// Mean linear sRGB (cd/m²) that rays see, and its standard error.
 fn seen(scene: &Scene, rays: impl Iterator<Item = Ray>) -> (Vec3, Vec3) {
-    let (wavelengths, settings) = (Wavelengths::rgb(), PathSettings::default());
+    let (wavelengths, settings) = (SampledWavelengths::rgb(), PathSettings::default());
     let white = Spectrum::light_from_rgb(Vec3::ONE).sample(&wavelengths).truncate();
     let (mut sum, mut squares, mut n) = (DVec3::ZERO, DVec3::ZERO, 0.0);
     for (i, ray) in rays.enumerate() {
         let sampler = Sampler::new(SamplerKind::Independent, i as u64, (0, 0), 0, 1);
-        let light: Sampled = scene.radiance(ray, &wavelengths, &sampler, &settings);
+        let light: SampledSpectrum = scene.radiance(ray, &wavelengths, &sampler, &settings);
         let rgb = (light.truncate() / white).as_dvec3();
         (sum, squares, n) = (sum + rgb, squares + rgb * rgb, n + 1.0);
     }

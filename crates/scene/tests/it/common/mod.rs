@@ -4,7 +4,7 @@ pub mod level;
 pub mod tables;
 
 use diopter_light::random::{Sampler, SamplerKind};
-use diopter_light::{Ray, Wavelengths};
+use diopter_light::{Ray, SampledWavelengths};
 use diopter_scene::{PathSettings, Scene};
 use glam::Vec3;
 
@@ -14,7 +14,7 @@ pub const DEEP: PathSettings = PathSettings { max_depth: 4000, roulette_depth: 4
 
 /// Mean of light along a ray at a moment by `n` paths, and its standard error, relative to RGB light of 1.
 pub fn mean_at(scene: &Scene, from: Vec3, towards: Vec3, time_s: f32, n: u32, settings: &PathSettings) -> ([f64; 4], [f64; 4]) {
-    let wavelengths = Wavelengths::fixed(NM);
+    let wavelengths = SampledWavelengths::fixed(NM);
     let white = wavelengths.d65_one_nit();
     let ray = Ray { origin: from, direction: towards.normalize(), time_s };
     let (mut sum, mut squares) = ([0.0f64; 4], [0.0f64; 4]);

@@ -6,7 +6,7 @@ use super::super::shapes::Form;
 use super::super::{Fault, Place, shapes};
 use super::{Awaited, Displaced, Displacement, Met, World};
 use crate::load::{DisplacedSurface, ply};
-use crate::motion::{AnimatedProperty, Animation, Channel, Ending, KeyInterpolation, Local, Node, Playing};
+use crate::motion::{AnimatedProperty, Animation, AnimationPlayback, Channel, Extrapolation, KeyInterpolation, Local, Node};
 use crate::scene::Shape;
 use crate::shape::{Curves, Mesh};
 use crate::subdivision;
@@ -158,7 +158,8 @@ impl<'a> World<'a> {
         ];
         if self.context.description.animations.is_empty() {
             self.context.description.animations.push(Animation { name: "transforms".into(), channels: vec![] });
-            self.context.description.playing = Playing { animations: vec![0], ending: Ending::Clamp, frozen_at_s: None };
+            self.context.description.playing =
+                AnimationPlayback { animations: vec![0], ending: Extrapolation::Clamp, frozen_at_s: None };
         }
         self.context.description.animations[0].channels.extend(channels);
         Ok(number as u32)

@@ -47,7 +47,7 @@ impl World<'_> {
             }
         }
         let Some(picture) = self.picture(&node, &output, Codes::Linear, uses)? else {
-            self.leave_out("shaders of other kinds");
+            self.skip_unsupported("shaders of other kinds");
             return Ok(None);
         };
         // (2, 2, 2) and −1 are the usual scale and bias; without them the picture is meant all the same.
@@ -95,7 +95,7 @@ impl World<'_> {
         let image = match self.input(node, "file")? {
             Input::Value(Value::Text(file), layer) if !file.is_empty() => self.picture_file(layer, &file),
             _ => {
-                self.leave_out("pictures without a file");
+                self.skip_unsupported("pictures without a file");
                 None
             }
         };

@@ -26,7 +26,7 @@ use diopter_scene::classes::ClassTable;
 use diopter_scene::load::PixelView;
 use diopter_scene::material::{Interior, Material, Scattering, Transmission};
 use diopter_scene::motion::Motion;
-use diopter_scene::scene::{FilmHints, Sight, Viewpoint};
+use diopter_scene::scene::{CameraProjection, FilmHints, Viewpoint};
 use diopter_scene::shape::Quad;
 use diopter_scene::studio::Studio;
 use diopter_scene::texture::Color;
@@ -43,7 +43,7 @@ const DEFAULT_WIDTH: usize = 960;
 const GROUND: &str = "ground";
 
 /// Adds a floor just below the lowest point of the meshes.
-pub(super) fn put_ground(d: &mut Description, albedo: f32, at_s: f64) -> Result<(), ShotError> {
+pub(super) fn add_ground(d: &mut Description, albedo: f32, at_s: f64) -> Result<(), ShotError> {
     if !(0.0..=1.0).contains(&albedo) {
         return Err(value("ground", albedo, "an albedo from 0 to 1"));
     }
@@ -79,7 +79,7 @@ pub(super) fn subject_bounds(scene: &Scene, at_s: f64) -> Bounds {
 pub(super) fn film(file: &ShotFile, sensor: &Sensor, view: Option<&Viewpoint>) -> Result<Film, ShotError> {
     let wanted = view.and_then(|v| v.film.size);
     let [mut width_mm, mut height_mm] = sensor.format_mm;
-    let own = view.filter(|v| matches!(v.sight, Sight::Table(_)) && file.camera.lens.is_none());
+    let own = view.filter(|v| matches!(v.sight, CameraProjection::Table(_)) && file.camera.lens.is_none());
     if let Some(diagonal) = own.and_then(|v| v.film.diagonal_mm) {
         // The scene's own film, in the shape of its picture.
         let [w, h] = wanted.map_or([width_mm, height_mm], |s| s.map(|n| n as f64));
@@ -118,7 +118,7 @@ pub(super) fn film(file: &ShotFile, sensor: &Sensor, view: Option<&Viewpoint>) -
         pixel_area_mm2: px * py,
         low_pass_mm: sensor.low_pass_px * px,
         gap_mm: [gap * px, gap * py],
-        middle_mm: shift(&file.camera, w.hypot(h))?,
+        center_mm: shift(&file.camera, w.hypot(h))?,
         microlenses: None,
     })
 }
@@ -173,7 +173,7 @@ pub(super) fn calibrated(
 }
 
 /// Turns an angle of view into the focal length of an ideal lens before a film.
-pub(super) fn take_angle_of_view(file: &mut ShotFile, film: &Film) -> Result<(), ShotError> {
+pub(super) fn resolve_angle_of_view(file: &mut ShotFile, film: &Film) -> Result<(), ShotError> {
     let c = &mut file.camera;
     let fisheye = c.lens.as_deref().and_then(ideal_fisheye);
     if let Some(fov) = c.fov_deg {
@@ -265,7 +265,7 @@ const SENSORS: [(&str, &str); 4] = [
 ];
 
 /// Takes body and ISO speed from the scene's film where the shot says nothing; whether anything changed.
-pub(super) fn take_hints(file: &mut ShotFile, hints: &FilmHints, warn: &mut dyn FnMut(&str)) -> bool {
+pub(super) fn apply_film_hints(file: &mut ShotFile, hints: &FilmHints, warn: &mut dyn FnMut(&str)) -> bool {
     let mut changed = false;
     if let (None, Some(name)) = (&file.camera.body, &hints.sensor) {
         match SENSORS.iter().find(|s| s.0 == name) {
@@ -297,7 +297,7 @@ pub(super) fn view<'a>(file: &ShotFile, scene: &'a Description) -> Result<Option
 }
 
 /// Where the camera stands, by the shot and the scene's description.
-pub(super) struct Stand {
+pub(super) struct CameraPlacement {
     /// World from camera.
     pub place: Affine3A,
     /// The node of the scene that carries the camera, if one does.
@@ -321,7 +321,7 @@ pub(super) struct Stand {
     pub calibrated: Option<CameraSource>,
 }
 
-impl Stand {
+impl CameraPlacement {
     /// Whether the camera is inside the box of what it photographs, as in a room.
     pub fn is_within(&self) -> bool {
         let (eye, bounds) = (Vec3::from(self.place.translation), self.bounds);
@@ -378,7 +378,7 @@ fn angle(c: &CameraSection, inputs: &Inputs, film: &Film, focal_mm: f64) -> Resu
 const LARGEST_M: f32 = 1e12;
 
 /// Finds where the camera stands, before the scene has lamps or ground put into it.
-pub(super) fn stand(
+pub(super) fn placement(
     file: &ShotFile,
     inputs: &Inputs,
     description: &Description,
@@ -386,7 +386,7 @@ pub(super) fn stand(
     sensor: &Sensor,
     film: &Film,
     framing: Option<builtin::Framing>,
-) -> Result<Stand, ShotError> {
+) -> Result<CameraPlacement, ShotError> {
     let c = &file.camera;
     if let Some(position) = c.zoom_position {
         if c.focal_length.is_some() {
@@ -456,11 +456,23 @@ pub(super) fn stand(
         [film.width_mm, film.height_mm].map(|side| 0.5 * side / stated.unwrap_or(focal_mm))
     });
     let tan_half = tan_half.map(|t| t as f32);
-    Ok(Stand { place, carrier, bounds, tan_half, framing, subject_m, framed, focal_mm, lens_mm, own_f_number, calibrated: None })
+    Ok(CameraPlacement {
+        place,
+        carrier,
+        bounds,
+        tan_half,
+        framing,
+        subject_m,
+        framed,
+        focal_mm,
+        lens_mm,
+        own_f_number,
+        calibrated: None,
+    })
 }
 
 /// How fine displaced surfaces shall be: for which camera, and the longest edge in its picture, pixels.
-pub(super) type Fineness = (PixelView, f32);
+pub(super) type DicingRate = (PixelView, f32);
 
 /// Longest edges of displaced surfaces, pixels.
 const EDGES_PX: RangeInclusive<f64> = 0.1..=1000.0;
@@ -476,9 +488,9 @@ pub(super) fn fineness(
     file: &ShotFile,
     description: &Description,
     film: &Film,
-    stand: &Stand,
+    placement: &CameraPlacement,
     warn: &mut dyn FnMut(&str),
-) -> Result<Option<Fineness>, ShotError> {
+) -> Result<Option<DicingRate>, ShotError> {
     let Some(edge_px) = file.scene.displacement_edge_px else { return Ok(None) };
     if !EDGES_PX.contains(&edge_px) {
         return Err(value("displacement_edge_px", edge_px, "0.1 to 1000 pixels"));
@@ -486,16 +498,16 @@ pub(super) fn fineness(
     if description.displaced.is_empty() {
         warn("the scene has no displaced surfaces: displacement_edge_px changes nothing");
     }
-    let [across, up] = stand.tan_half;
+    let [across, up] = placement.tan_half;
     let half_angle = SEEN_MARGIN * across.hypot(up).atan();
     let c = &file.camera;
     let is_panorama =
-        c.lens.as_deref() == Some("panorama") || view(file, description)?.is_some_and(|v| v.sight == Sight::Panorama);
-    let moves = !c.path.is_empty() || stand.carrier.is_some();
-    let around = half_angle > SEES_ALL || is_panorama || moves || stand.calibrated.is_some();
+        c.lens.as_deref() == Some("panorama") || view(file, description)?.is_some_and(|v| v.sight == CameraProjection::Panorama);
+    let moves = !c.path.is_empty() || placement.carrier.is_some();
+    let around = half_angle > SEES_ALL || is_panorama || moves || placement.calibrated.is_some();
     let view = PixelView {
-        eye: stand.place.translation.into(),
-        axis: stand.place.transform_vector3(Vec3::NEG_Z).normalize_or(Vec3::NEG_Z),
+        eye: placement.place.translation.into(),
+        axis: placement.place.transform_vector3(Vec3::NEG_Z).normalize_or(Vec3::NEG_Z),
         half_angle: if around { std::f32::consts::PI } else { half_angle },
         pixels_per_radian: film.columns as f32 / (2.0 * across),
     };
@@ -512,19 +524,19 @@ const FOCUS_RAYS: u8 = 12;
 const FOCUS_PARTS: [f32; 3] = [0.15, 0.4, 1.0];
 
 /// Along the camera's axis to the nearest point of the subject in the middle of the picture, m; where it has a hole there, in more of it.
-fn nearest_in_the_middle(scene: &Scene, stand: &Stand) -> Option<f64> {
+fn nearest_in_the_middle(scene: &Scene, placement: &CameraPlacement) -> Option<f64> {
     let d = scene.description();
     let free = |o: &Object| matches!(o.motion, Motion::Carried { node } if d.nodes[node as usize].free);
-    let ahead = stand.place.transform_vector3(Vec3::NEG_Z);
+    let ahead = placement.place.transform_vector3(Vec3::NEG_Z);
     let across = |k: u8, part: f32, tan: f32| (2.0 * f32::from(k) / f32::from(FOCUS_RAYS) - 1.0) * part * tan;
     let depth = |x: f32, y: f32| {
-        let direction = stand.place.transform_vector3(Vec3::new(x, y, -1.0)).normalize();
-        let seen = scene.first_surface(&Ray { origin: stand.place.translation.into(), direction, time_s: 0.0 })?;
+        let direction = placement.place.transform_vector3(Vec3::new(x, y, -1.0)).normalize();
+        let seen = scene.first_surface(&Ray { origin: placement.place.translation.into(), direction, time_s: 0.0 })?;
         d.objects.get(seen.object as usize).filter(|o| !is_staging(o) && !free(o))?;
         Some(f64::from(seen.distance * direction.dot(ahead)))
     };
     FOCUS_PARTS.into_iter().find_map(|part| {
-        let [tan_x, tan_y] = stand.tan_half;
+        let [tan_x, tan_y] = placement.tan_half;
         let places = (0..=FOCUS_RAYS).flat_map(|i| (0..=FOCUS_RAYS).map(move |j| (i, j)));
         places.filter_map(|(i, j)| depth(across(i, part, tan_x), across(j, part, tan_y))).min_by(f64::total_cmp)
     })

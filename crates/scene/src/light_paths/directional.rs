@@ -10,22 +10,22 @@ use super::ConnectionSettings;
 use super::can_connect::can_connect;
 use super::emission::SMALL_DISC;
 use crate::light::punctual::{disc_density, disc_sr, within_disc};
-use crate::light::{LightSample, Punctual, PunctualKind, Spot};
+use crate::light::{LightPoint, LightSample, Punctual, PunctualKind};
 use crate::material::Scattering;
 use crate::medium_stack::MediumStack;
 use crate::radiance::origin_behind;
 use crate::russian_roulette::{MOST_SURVIVAL, survives};
 use crate::scene::Scene;
-use diopter_light::random::{Sampler, SamplerKind, Set};
+use diopter_light::random::{Dimensions, Sampler, SamplerKind};
 use diopter_light::sampling::{self, Grid2};
-use diopter_light::{Ray, Sampled, Wavelengths};
+use diopter_light::{Ray, SampledSpectrum, SampledWavelengths};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 /// Camera rays from which is learnt where parallel light matters.
 pub struct CameraRays<'a> {
     /// By number, with wavelengths, spread over the picture; `None` where no light comes through the lens.
-    pub ray: &'a (dyn Fn(u32) -> Option<(Ray, Wavelengths)> + Sync),
+    pub ray: &'a (dyn Fn(u32) -> Option<(Ray, SampledWavelengths)> + Sync),
     /// Most of them that are followed: a part of the paths of the exposure.
     pub most: u32,
 }
@@ -56,7 +56,7 @@ const LEFT_OUT: f32 = 0.005;
 const MOST_OF_A_LINE: f32 = 8.0;
 
 /// Lines of a light at infinity on which light paths begin.
-pub(super) struct Parallel {
+pub(super) struct DirectionalEmission {
     light: Light,
     /// A sphere around everything, m.
     around: (Vec3, f32),
@@ -123,9 +123,14 @@ struct LitVertex {
 /// Its place on the plane, and what it brought.
 type Line = (Vec2, f32);
 
-impl Parallel {
+impl DirectionalEmission {
     /// Learns lines of the lights at infinity from the camera. One for each light of which enough were found, by its number.
-    pub fn learn(scene: &Scene, around: (Vec3, f32), settings: &ConnectionSettings, camera: &CameraRays) -> Vec<(u32, Parallel)> {
+    pub fn learn(
+        scene: &Scene,
+        around: (Vec3, f32),
+        settings: &ConnectionSettings,
+        camera: &CameraRays,
+    ) -> Vec<(u32, DirectionalEmission)> {
         let lights: Vec<Light> = (0..).zip(&scene.lights().punctual).filter_map(|(i, l)| Light::new(i, l)).collect();
         // A connection makes two scattering events at least.
         if lights.is_empty() || settings.max_depth < 2 {
@@ -161,10 +166,14 @@ impl Parallel {
             }
         }
         let of_light = |k: usize| found.iter().filter(move |f| f.light == k).copied().collect();
-        lights.iter().enumerate().filter_map(|(k, l)| Some((l.number, Parallel::new(*l, around, of_light(k))?))).collect()
+        lights
+            .iter()
+            .enumerate()
+            .filter_map(|(k, l)| Some((l.number, DirectionalEmission::new(*l, around, of_light(k))?)))
+            .collect()
     }
 
-    fn new(light: Light, around: (Vec3, f32), mut found: Vec<LitVertex>) -> Option<Parallel> {
+    fn new(light: Light, around: (Vec3, f32), mut found: Vec<LitVertex>) -> Option<DirectionalEmission> {
         found.retain(|f| f.point.is_finite() && f.brought.is_finite());
         if found.len() < FEWEST_LINES {
             return None;
@@ -200,7 +209,7 @@ impl Parallel {
                 continue;
             }
             let (lit_m2, size) = (filled as f32 * cell.x * cell.y, cell * cells as f32);
-            return Some(Parallel { light, around, origin, low, size, grid: Grid2::new(&weights, cells), lit_m2 });
+            return Some(DirectionalEmission { light, around, origin, low, size, grid: Grid2::new(&weights, cells), lit_m2 });
         }
     }
 
@@ -268,12 +277,12 @@ fn follow(
     scene: &Scene,
     lights: &[Light],
     mut ray: Ray,
-    wavelengths: &Wavelengths,
+    wavelengths: &SampledWavelengths,
     sampler: &Sampler,
     max_depth: u32,
     found: &mut Vec<LitVertex>,
 ) {
-    let (mut throughput, mut hero_only) = (Sampled::ONE, wavelengths.is_rgb());
+    let (mut throughput, mut hero_only) = (SampledSpectrum::ONE, wavelengths.is_rgb());
     let mut medium_stack = MediumStack::default();
     let (mut events, mut is_scattered) = (0, false);
     for _ in 0..MOST_SEGMENTS {
@@ -293,7 +302,7 @@ fn follow(
         let Some(bsdf) = material.bsdf(&surface, -ray.direction, wavelengths, hero_only, around) else { return };
         let ng = bsdf.side_normal();
         if is_scattered && !bsdf.is_specular() && can_connect(&surface, material, around) {
-            let [a, b, c, _] = sampler.get(Set::Light(events));
+            let [a, b, c, _] = sampler.get(Dimensions::Light(events));
             let light = ((c * lights.len() as f32) as usize).min(lights.len() - 1);
             let Light { number, illuminance, .. } = lights[light];
             let direction = lights[light].direction([a, b]);
@@ -309,10 +318,10 @@ fn follow(
                 distance: f32::INFINITY,
                 pdf: 1.0,
                 has_extent: false,
-                spot: Spot::Punctual(number),
+                spot: LightPoint::Punctual(number),
                 clearance: 0.0,
             };
-            let stream = || sampler.stream(Set::Transmittance(events));
+            let stream = || sampler.stream(Dimensions::Transmittance(events));
             let (point, time_s, most) = (surface.point, ray.time_s, max_depth - events - 1);
             let arrives =
                 scene.transmittance_to_light(throughput * f, point, origin, &sample, beyond, wavelengths, time_s, most, stream);
@@ -321,7 +330,7 @@ fn follow(
                 found.push(LitVertex { light, point, direction, brought });
             }
         }
-        let u = sampler.get(Set::Scatter(events));
+        let u = sampler.get(Dimensions::Scatter(events));
         let Some(scatter) = bsdf.sample(u) else { return };
         throughput *= scatter.weight;
         if scatter.disperses && !hero_only {

@@ -6,7 +6,7 @@ use super::super::sections::CameraSection;
 use super::super::sources::{ideal_fisheye, read_file};
 use super::super::timing::Timing;
 use super::super::{Inputs, ShotError, light_field, value};
-use super::{STOPS, Stand, is_ideal, nearest_in_the_middle, stop_for, subject_bounds, view};
+use super::{CameraPlacement, STOPS, is_ideal, nearest_in_the_middle, stop_for, subject_bounds, view};
 use crate::calibration::camera_file::CameraSource;
 use crate::camera::{Camera, Film};
 use crate::camera_motion::CameraMotion;
@@ -23,7 +23,7 @@ use diopter_light::color::RgbSpace;
 use diopter_light::units::Millimeters;
 use diopter_scene::Scene;
 use diopter_scene::load::read_codes;
-use diopter_scene::scene::{LensTable, Sight, Viewpoint};
+use diopter_scene::scene::{CameraProjection, LensTable, Viewpoint};
 use diopter_sensor::format::Format;
 use diopter_sensor::{BodyLens, Sensor, format};
 use glam::{DVec2, Vec3};
@@ -132,20 +132,20 @@ pub(in crate::shot) fn camera(
     sensor: &Sensor,
     mut film: Film,
     focusing: &Focusing,
-    stand: &Stand,
+    placement: &CameraPlacement,
     warn: &mut dyn FnMut(&str),
 ) -> Result<Camera, ShotError> {
     let c = &file.camera;
     let view = view(file, scene.description())?;
     let ideal = is_ideal(c);
-    let (focal_mm, own_f_number, framing) = (stand.focal_mm, stand.own_f_number, stand.framing);
-    let mut place = stand.place;
+    let (focal_mm, own_f_number, framing) = (placement.focal_mm, placement.own_f_number, placement.framing);
+    let mut place = placement.place;
 
     // How far along its axis the subject is.
-    let subject_m = match (stand.framed, stand.subject_m) {
+    let subject_m = match (placement.framed, placement.subject_m) {
         // What is nearer than the focal length has no image.
         (Some(framed), _) => {
-            nearest_in_the_middle(scene, stand).filter(|m| 1000.0 * m > 1.01 * stand.lens_mm).unwrap_or(framed.middle_m)
+            nearest_in_the_middle(scene, placement).filter(|m| 1000.0 * m > 1.01 * placement.lens_mm).unwrap_or(framed.middle_m)
         }
         (None, Some(distance)) => distance,
         (None, None) => {
@@ -163,15 +163,15 @@ pub(in crate::shot) fn camera(
     }
 
     // What the scene's own camera says of its lens counts where the shot says nothing.
-    let bare = c.lens.is_none() && stand.calibrated.is_none() && c.orthographic.is_none();
+    let bare = c.lens.is_none() && placement.calibrated.is_none() && c.orthographic.is_none();
     let own = view.and_then(|v| v.lens).filter(|_| bare && c.look_from.is_none());
     let of_view = own.filter(|[radius, _]| *radius > 0.0).map(|[radius, _]| focal_mm / (2000.0 * f64::from(radius)));
     let known = file.exposure.aperture.map(|a| a.0).or(of_view).or(own_f_number).or(framing.map(|f| f.f_number));
     let deep =
-        stand.framed.filter(|_| c.plenoptic.is_none() && sensor.plenoptic.is_none() && c.lens.as_deref() != Some("pinhole"));
+        placement.framed.filter(|_| c.plenoptic.is_none() && sensor.plenoptic.is_none() && c.lens.as_deref() != Some("pinhole"));
     let f_number = known.unwrap_or_else(|| match (deep, &focusing.to) {
-        (Some(framed), Some(FocusTo::Distance(d))) => stop_for(stand.lens_mm, &film, d.0, framed.depths_m),
-        (Some(framed), _) => stop_for(stand.lens_mm, &film, subject_m, framed.depths_m),
+        (Some(framed), Some(FocusTo::Distance(d))) => stop_for(placement.lens_mm, &film, d.0, framed.depths_m),
+        (Some(framed), _) => stop_for(placement.lens_mm, &film, subject_m, framed.depths_m),
         (None, _) => STOPS[0],
     });
     let subject_m = own.filter(|[radius, _]| *radius > 0.0).map_or(subject_m, |[_, distance]| f64::from(distance));
@@ -190,7 +190,7 @@ pub(in crate::shot) fn camera(
     let panorama = Projection::Panorama { film_mm: [film.width_mm, film.height_mm] };
     let tilt = c.tilt_deg.unwrap_or([0.0; 2]).map(f64::to_radians);
     let lens = match c.lens.as_deref() {
-        None if let Some(source) = &stand.calibrated => Lens::Calibrated(Box::new(calibrated(source)?)),
+        None if let Some(source) = &placement.calibrated => Lens::Calibrated(Box::new(calibrated(source)?)),
         _ if let Some(height) = c.orthographic => {
             if c.lens.as_deref().is_some_and(|l| l != "pinhole") || !(height.0 > 0.0 && height.0.is_finite()) {
                 let found = format!("{} m high", height.0);
@@ -202,7 +202,7 @@ pub(in crate::shot) fn camera(
             let pupil = asked.then(|| Pupil { iris: blades.clone(), focus });
             Lens::Calibrated(Box::new(fisheye(kind, name, &film, focal_mm, f_number, pupil)?))
         }
-        None if let Some(Sight::Table(table)) = of_file => {
+        None if let Some(CameraProjection::Table(table)) = of_file => {
             let (mut lens, behind_m) = lens_of_table(file, table, &film, focusing, warn)?;
             if tilt != [0.0; 2] {
                 lens = lens.tilted(tilt)?;
@@ -211,10 +211,10 @@ pub(in crate::shot) fn camera(
             place.translation += place.matrix3 * glam::Vec3A::NEG_Z * behind_m as f32;
             Lens::Compound(Box::new(lens))
         }
-        None if let Some(Sight::Orthographic { height }) = of_file => {
+        None if let Some(CameraProjection::Orthographic { height }) = of_file => {
             hole(Projection::Orthographic { reduction: f64::from(*height) * 1000.0 / film.height_mm })?
         }
-        None if let Some(Sight::Panorama) = of_file => hole(panorama)?,
+        None if let Some(CameraProjection::Panorama) = of_file => hole(panorama)?,
         Some("panorama") => hole(panorama)?,
         None if sharp => Lens::Pinhole(Pinhole::new(Millimeters(focal_mm), f_number)?),
         Some("pinhole") => Lens::Pinhole(Pinhole::new(Millimeters(focal_mm), f_number)?),
@@ -286,7 +286,7 @@ pub(in crate::shot) fn camera(
             "a lens with an aperture, such as thin: a hole has no views",
         ));
     }
-    let other_angle = stand.calibrated.is_none() && (!ideal || c.focal_length.is_some());
+    let other_angle = placement.calibrated.is_none() && (!ideal || c.focal_length.is_some());
     if let Some(view) = view.filter(|_| c.look_from.is_none() && c.path.is_empty() && other_angle) {
         warn_of_angle(view, &lens, &film, warn);
     }
@@ -367,7 +367,7 @@ pub(super) fn warn_of_dark_corners(name: &str, lens: &CompoundLens, film: &Film,
     let corner = half.length();
     let corners = [DVec2::ONE, DVec2::new(-1.0, 1.0), DVec2::NEG_ONE, DVec2::new(1.0, -1.0)];
     let count = if lens.system().is_rotational() { 1 } else { corners.len() };
-    let lit = corners[..count].iter().map(|c| lens.lit_radius((half * *c).normalize(), corner)).fold(corner, f64::min);
+    let lit = corners[..count].iter().map(|c| lens.image_circle_radius((half * *c).normalize(), corner)).fold(corner, f64::min);
     if lit > 0.995 * corner {
         return;
     }

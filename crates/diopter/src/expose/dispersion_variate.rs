@@ -1,4 +1,4 @@
-//! Colours that land in other pixels, with less noise: a control variate.
+//! Control variate for dispersion: less noise of how many wavelengths arrive in a pixel.
 //!
 //! Behind a lens that disperses, the four wavelengths of a sample land at places of their own. How many land in a pixel is up to chance, and that alone
 //! makes an even field noisy: pixels as small as the colours are spread have 0.5 / √n of noise from n samples. But how many land is known: over all film points of a
@@ -26,17 +26,17 @@ const WEIGHT_OF_BEFORE: f32 = 0.25;
 
 /// A square as large as a pixel, anywhere on the film.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Square {
+pub(super) struct PixelFootprint {
     /// Column and row of the pixel that holds its upper left corner.
     first: [usize; 2],
     /// How much of it lies in the next column and row.
     beyond: [f32; 2],
 }
 
-impl Square {
+impl PixelFootprint {
     /// The pixel at a column and row, displaced; `None` where not all of it lies on the film.
-    pub fn new(film: &Film, pixel: [usize; 2], displaced_px: [f64; 2]) -> Option<Square> {
-        let mut square = Square { first: [0; 2], beyond: [0.0; 2] };
+    pub fn new(film: &Film, pixel: [usize; 2], displaced_px: [f64; 2]) -> Option<PixelFootprint> {
+        let mut square = PixelFootprint { first: [0; 2], beyond: [0.0; 2] };
         for (k, size) in [film.columns, film.rows].into_iter().enumerate() {
             let at = pixel[k] as f64 + displaced_px[k];
             if !(at >= 0.0 && at <= (size - 1) as f64) {
@@ -50,7 +50,7 @@ impl Square {
 
     /// The pixels below it and how much of it lies in each.
     pub fn parts(&self) -> impl Iterator<Item = ([usize; 2], f32)> + use<> {
-        let Square { first: [x, y], beyond: [right, below] } = *self;
+        let PixelFootprint { first: [x, y], beyond: [right, below] } = *self;
         let all = [
             ([x, y], (1.0 - right) * (1.0 - below)),
             ([x + 1, y], right * (1.0 - below)),
@@ -63,13 +63,13 @@ impl Square {
 
 /// A wavelength of a sample, and where it landed.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Landing {
+pub(super) struct WavelengthHit {
     pub nm: f32,
     pub radiance: f32,
     /// What a radiance is worth, without the response of a band.
     pub gain: f32,
     pub pixel: [usize; 2],
-    pub square: Square,
+    pub square: PixelFootprint,
     /// When it arrives, s, and where in the pupil.
     pub time: f64,
     pub pupil: f64,
@@ -126,7 +126,7 @@ fn bin(nm: f32) -> usize {
 }
 
 /// The wavelengths of a pixel's samples that landed anywhere, and what was before.
-pub(super) struct Landings {
+pub(super) struct DispersionVariate {
     /// First of the pairs of samples, and how many there are.
     first: u32,
     pairs: usize,
@@ -135,7 +135,7 @@ pub(super) struct Landings {
     /// What the pixels up to one in each column had, those in the row above where there are none yet in this one: `[column][pair]`.
     before: Vec<Roots>,
     /// Those of the pixel under way, with the number of their sample, rising.
-    landings: Vec<(u32, Landing)>,
+    landings: Vec<(u32, WavelengthHit)>,
     pixel: Option<[usize; 2]>,
     around: [Around; 2],
 }
@@ -192,13 +192,13 @@ impl Around {
     }
 }
 
-impl Landings {
+impl DispersionVariate {
     /// For some samples of the pixels of some columns; `None` where a sample says something of where another one starts in its pixel, or where pixels have gaps between
     /// them.
-    pub fn new(samples: &Range<u32>, columns: Range<usize>, sampler: SamplerKind, film: &Film) -> Option<Landings> {
+    pub fn new(samples: &Range<u32>, columns: Range<usize>, sampler: SamplerKind, film: &Film) -> Option<DispersionVariate> {
         let apply = matches!(sampler, SamplerKind::Sobol | SamplerKind::Independent) && film.gap_mm == [0.0; 2];
         let pairs = (samples.end.div_ceil(2) - samples.start / 2) as usize;
-        apply.then(|| Landings {
+        apply.then(|| DispersionVariate {
             first: samples.start / 2,
             pairs,
             left: columns.start,
@@ -221,7 +221,7 @@ impl Landings {
     }
 
     /// Notes a wavelength of a sample of a pixel, of which even ones belong to one replicate, odd ones to the other.
-    pub fn note(&mut self, pixel: [usize; 2], sample: u32, landing: Landing) {
+    pub fn note(&mut self, pixel: [usize; 2], sample: u32, landing: WavelengthHit) {
         self.pixel = Some(pixel);
         self.landings.push((sample, landing));
     }
@@ -232,7 +232,7 @@ impl Landings {
         &mut self,
         groups: usize,
         response: impl Fn(usize, f32) -> Vec4,
-        open: impl Fn([usize; 2], &Landing) -> bool,
+        open: impl Fn([usize; 2], &WavelengthHit) -> bool,
         mut add: impl FnMut([usize; 2], usize, &[Vec4], f32),
     ) {
         let Some(middle) = self.pixel.take() else { return };
@@ -284,13 +284,13 @@ mod tests {
     #[test]
     fn squares_lie_over_as_much_of_pixels_as_they_cover() {
         let film = Film::new(10.0, 8.0, 10, 8);
-        let square = Square::new(&film, [4, 3], [-1.25, 2.5]).unwrap();
+        let square = PixelFootprint::new(&film, [4, 3], [-1.25, 2.5]).unwrap();
         let parts: Vec<_> = square.parts().collect();
         assert_eq!(parts, [([2, 5], 0.125), ([3, 5], 0.375), ([2, 6], 0.125), ([3, 6], 0.375)]);
         // One that lies on a pixel, in the last corner too.
-        assert!(Square::new(&film, [9, 7], [0.0, 0.0]).unwrap().parts().eq([([9, 7], 1.0)]));
+        assert!(PixelFootprint::new(&film, [9, 7], [0.0, 0.0]).unwrap().parts().eq([([9, 7], 1.0)]));
         for beyond in [[-4.1, 0.0], [5.1, 0.0], [0.0, -3.1], [0.0, 4.1], [f64::NAN, 0.0]] {
-            assert_eq!(Square::new(&film, [4, 3], beyond), None);
+            assert_eq!(PixelFootprint::new(&film, [4, 3], beyond), None);
         }
     }
 
@@ -314,14 +314,14 @@ mod tests {
     #[test]
     fn light_is_moved_and_neither_made_nor_lost() {
         let film = Film::new(30.0, 30.0, 30, 30);
-        let mut landings = Landings::new(&(4..12), 10..20, SamplerKind::Sobol, &film).unwrap();
+        let mut landings = DispersionVariate::new(&(4..12), 10..20, SamplerKind::Sobol, &film).unwrap();
         let pixel = [14, 15];
         for k in 0..8 {
             // Near and far.
             let far = [0.3, -0.6, 2.9, 9.3][k / 2];
-            let square = Square::new(&film, pixel, [far, 0.25]).unwrap();
+            let square = PixelFootprint::new(&film, pixel, [far, 0.25]).unwrap();
             let landed = [(14.0 + far + 0.5) as usize, 15];
-            let landing = Landing { nm: 450.0, radiance: 3.0, gain: 2.0, pixel: landed, square, time: 0.0, pupil: 0.0 };
+            let landing = WavelengthHit { nm: 450.0, radiance: 3.0, gain: 2.0, pixel: landed, square, time: 0.0, pupil: 0.0 };
             landings.note(pixel, 4 + k as u32, landing);
         }
         assert!(!landings.is_of_other(pixel) && landings.is_of_other([15, 15]));
@@ -340,8 +340,9 @@ mod tests {
             assert!((sums[15 * 30 + 24][half] - 6.0 * 0.75 * 0.3).abs() < 1e-5);
         }
         // The next pixel knows what was before, even if its own samples are of one replicate.
-        let landing = |square| Landing { nm: 450.0, radiance: 3.0, gain: 2.0, pixel: [15, 15], square, time: 0.0, pupil: 0.0 };
-        landings.note([15, 15], 4, landing(Square::new(&film, [15, 15], [0.5, 0.0]).unwrap()));
+        let landing =
+            |square| WavelengthHit { nm: 450.0, radiance: 3.0, gain: 2.0, pixel: [15, 15], square, time: 0.0, pupil: 0.0 };
+        landings.note([15, 15], 4, landing(PixelFootprint::new(&film, [15, 15], [0.5, 0.0]).unwrap()));
         let mut moved = 0.0;
         landings.end_pixel(
             1,
