@@ -127,7 +127,7 @@ impl CompoundLens {
             FilmPlace::Focused(setting.focus),
             tilt,
         )?;
-        let n = system.indices(REFERENCE_NM);
+        let n = system.reference_indices();
         // Its pupils are those of the axial beam, which the f-number measures.
         let straight = FirstOrder { stop_radius: beam_radius, ..FirstOrder::of(&system, &n) };
         let turned = Turned::new(&system, straight, prescription.is_openings_alone(), tilt)?;
@@ -225,7 +225,7 @@ impl CompoundLens {
     /// What Gauss's formulas need, focused at infinity.
     fn at_infinity(&self) -> Turned {
         let far = System::at(&self.prescription, State { focus: 0.0, ..self.state });
-        let straight = FirstOrder::of(&far, &far.indices(REFERENCE_NM));
+        let straight = FirstOrder::of(&far, &far.reference_indices());
         // A lens that was turned can be turned there too.
         Turned::new(&far, straight, false, self.tilt).unwrap_or(self.turned)
     }

@@ -4,6 +4,7 @@ use crate::Blocked;
 use crate::aperture::Aperture;
 use crate::coating::film::{aluminium, fresnel, quarter_wave};
 use crate::coating::{self, Coating, SurfaceCoating};
+use crate::compound::REFERENCE_NM;
 use crate::diffractive::Diffractive;
 use crate::glare::Finish;
 use crate::glass::Glass;
@@ -232,6 +233,17 @@ impl System {
     pub fn indices(&self, nm: f64) -> Vec<f64> {
         let wavelength = self.has_diffractive().then_some(nm * 1e-6);
         self.glasses.iter().map(|g| g.index(nm)).chain(wavelength).collect()
+    }
+
+    /// Indices at the wavelength at which focal lengths, f-numbers and film planes are found: [`REFERENCE_NM`], or where a glass is opaque there (germanium), the shortest
+    /// at which the ranges of all begin.
+    pub fn reference_indices(&self) -> Vec<f64> {
+        let n = self.indices(REFERENCE_NM);
+        if n.iter().all(|n| n.is_finite()) {
+            return n;
+        }
+        let begins = self.glasses.iter().filter_map(|g| g.range_nm()).map(|[short, _]| short);
+        self.indices(begins.fold(REFERENCE_NM, f64::max))
     }
 
     /// Whether any surface carries a phase.

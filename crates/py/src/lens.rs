@@ -109,7 +109,7 @@ impl Lens {
         let set = configure(&self.prescription, focal_length_mm, f_number, None, film).map_err(PythonError::from)?;
         let object_distance = match focus {
             Some(Focus::Distance(mm)) => {
-                Some(mm.0 - FirstOrder::of(&set.system, &set.system.indices(REFERENCE_NM)).entrance_pupil_z)
+                Some(mm.0 - FirstOrder::of(&set.system, &set.system.reference_indices()).entrance_pupil_z)
             }
             Some(_) => None,
             None => self.prescription.usage.object_distance,
@@ -117,9 +117,6 @@ impl Lens {
         Ok(Bench { set, object_distance, single: OnceLock::new(), double: OnceLock::new() })
     }
 }
-
-/// Yellow-green helium line d, nm.
-const REFERENCE_NM: f64 = diopter::lens::compound::REFERENCE_NM;
 
 /// A lens with zoom, aperture and focus set.
 #[pyclass(frozen, module = "diopter._diopter")]

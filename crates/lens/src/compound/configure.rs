@@ -1,6 +1,5 @@
 //! A prescription as it is set: zoom, aperture, iris, and the film where it is sharp.
 
-use super::REFERENCE_NM;
 use super::tilt::{Tilt, Turned};
 use super::zoom::{NAME_TOLERANCE, focal_length_of, zoom_position};
 use crate::axial_beam;
@@ -63,7 +62,7 @@ impl Configured {
     /// x and y. `None` where the film touches the lens.
     pub fn image_circle_radius(&self, most: f64) -> Option<f64> {
         let first =
-            FirstOrder { stop_radius: self.beam_radius, ..FirstOrder::of(&self.system, &self.system.indices(REFERENCE_NM)) };
+            FirstOrder { stop_radius: self.beam_radius, ..FirstOrder::of(&self.system, &self.system.reference_indices()) };
         let batch = Batch::new(&self.system);
         let geometry = geometry(&self.system, &batch, &first, DVec2::ZERO, DVec2::splat(most))?;
         let towards = [DVec2::X, DVec2::Y, DVec2::NEG_X, DVec2::NEG_Y];
@@ -91,7 +90,7 @@ pub(super) fn geometry<'a>(
         film_z: system.film_z,
         film_run: run,
         curvature,
-        middle: middle + system.base_slope(&system.indices(REFERENCE_NM)),
+        middle: middle + system.base_slope(&system.reference_indices()),
         slope: (first.exit_pupil_radius() / distance).abs().clamp(1e-4, 2.0),
         rim,
         film_half,
@@ -220,7 +219,7 @@ pub(super) fn configure_turned(
 /// Smallest f-number at which an axial beam from infinity passes every rim, not smaller than the prescription states; and whether it is the
 /// rims that set it.
 pub(crate) fn widest_f_number(p: &Prescription, system: &System, efl: f64) -> Option<(f64, bool)> {
-    let radius = axial_beam::widest_radius(system, &system.indices(REFERENCE_NM), efl)?;
+    let radius = axial_beam::widest_radius(system, &system.reference_indices(), efl)?;
     let rims = efl.abs() / (2.0 * radius);
     // Zooms state the f-number of one end: the other is as its rims say.
     let stated = p.f_number.filter(|_| p.zoom.len() < 2 || rims < p.f_number.unwrap_or(0.0));
@@ -229,7 +228,7 @@ pub(crate) fn widest_f_number(p: &Prescription, system: &System, efl: f64) -> Op
 
 /// Radius at the stop of the real axial beam of an f-number.
 pub(crate) fn stop_radius(system: &System, efl: f64, f_number: f64) -> Option<f64> {
-    axial_beam::stop_radius(system, &system.indices(REFERENCE_NM), efl, 0.5 * efl.abs() / f_number)
+    axial_beam::stop_radius(system, &system.reference_indices(), efl, 0.5 * efl.abs() / f_number)
 }
 
 /// The opening of a stop: blades that are drawn back behind its rim leave a round hole.
@@ -265,7 +264,7 @@ pub(crate) fn opening(shape: Iris, radius: f64, rim: f64) -> crate::system::Stop
 /// Distance from the entrance pupil that a lens with focus data is focused to at their near end (paraxially), mm.
 pub fn nearest_focus(p: &Prescription, zoom: f64) -> Option<f64> {
     let s = System::at(p, State { zoom, focus: 1.0 });
-    let f = FirstOrder::of(&s, &s.indices(REFERENCE_NM));
+    let f = FirstOrder::of(&s, &s.reference_indices());
     let behind = (s.film_z - s.last_z() - f.bfl) * s.film_run();
     // Newton: x x' = f², counted from the focal points.
     let distance = f.entrance_pupil_z - f.ffl + f.efl * f.efl / behind;
@@ -281,13 +280,13 @@ fn focused(
     tilt: Tilt,
 ) -> Result<(System, State), LensError> {
     // Frames do not change first-order data: those of a turned system are of the lens on its own axis.
-    let turned_of = |s: &System| Turned::new(s, FirstOrder::of(s, &s.indices(REFERENCE_NM)), false, tilt);
+    let turned_of = |s: &System| Turned::new(s, FirstOrder::of(s, &s.reference_indices()), false, tilt);
     turned_of(&System::at(p, State { zoom, focus: 0.0 }))?;
     let at = |t: f64| {
         let mut s = System::at(p, State { zoom, focus: t });
         s.iris = iris.clone();
         if !tilt.is_none() {
-            let pivot_z = FirstOrder::of(&s, &s.indices(REFERENCE_NM)).rear_principal_z;
+            let pivot_z = FirstOrder::of(&s, &s.reference_indices()).rear_principal_z;
             tilt.apply(&mut s, pivot_z);
         }
         s
@@ -333,7 +332,7 @@ fn focused(
     let no_image = || match focus {
         Focus::Distance(_) => {
             let s = at(0.0);
-            let f = FirstOrder::of(&s, &s.indices(REFERENCE_NM));
+            let f = FirstOrder::of(&s, &s.reference_indices());
             let nearest = f.entrance_pupil_z - f.ffl;
             impossible(format!("more than about {nearest:.0} mm from the lens: nearer planes have no image"))
         }
@@ -372,7 +371,7 @@ fn focused(
     }
     let mut system = at(t);
     let (_, z) = offset(&system).ok_or_else(no_image)?;
-    if (z - system.last_z()).abs() > 50.0 * (FirstOrder::of(&system, &system.indices(REFERENCE_NM)).efl.abs() + 1.0) {
+    if (z - system.last_z()).abs() > 50.0 * (FirstOrder::of(&system, &system.reference_indices()).efl.abs() + 1.0) {
         return Err(no_image());
     }
     system.film_z = z;

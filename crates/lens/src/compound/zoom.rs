@@ -1,6 +1,5 @@
 //! Zoom positions by focal length: the printed ones, and between them.
 
-use super::REFERENCE_NM;
 use crate::LensError;
 use crate::paraxial::FirstOrder;
 use crate::prescription::Prescription;
@@ -37,7 +36,7 @@ fn focal_length_at(p: &Prescription, zoom: f64) -> f64 {
 pub(super) fn focal_length_of(p: &Prescription, far: &System) -> f64 {
     match p.is_openings_alone() {
         true => far.film_z - far.surfaces[far.stop].z,
-        false => FirstOrder::of(far, &far.indices(REFERENCE_NM)).efl,
+        false => FirstOrder::of(far, &far.reference_indices()).efl,
     }
 }
 
@@ -99,6 +98,17 @@ mod tests {
     use super::*;
     use crate::prescription::read_toml;
     use crate::{embedded, embedded_names};
+
+    #[test]
+    fn a_glass_that_is_opaque_in_the_visible_makes_a_lens_all_the_same() {
+        // Germanium, 4 from 2 µm on: f of a plano-convex lens is r / (n − 1).
+        let text = "name = \"ge\"\nsurfaces = [\n{ radius = 100, gap = 5, glass = \"GERMANIUM\", stop = true, semi_diameter = 10 },\n\
+                    { gap = 28, semi_diameter = 10 },\n]\n[usage]\nwavelengths_nm = [10000]\n";
+        let p = read_toml(text, "ge.toml").unwrap();
+        let set = configure(&p, None, None, None, FilmPlace::AsPublished).unwrap();
+        let n = set.system.reference_indices()[1];
+        assert!((n - 4.1).abs() < 0.1 && (set.efl - 100.0 / (n - 1.0)).abs() < 1e-9, "{n} {}", set.efl);
+    }
 
     #[test]
     fn between_printed_positions_the_film_follows_the_focus() {

@@ -251,6 +251,11 @@ pub(in crate::shot) fn camera(
             if let Some(asked) = file.exposure.aperture.filter(|a| lens.f_number() > a.0 * 1.005) {
                 warn(&format!("{name}: fully open it is f/{:.2}, which is what f/{} stands for", lens.f_number(), asked.0));
             }
+            let reached = lens.focal_length().0;
+            let is_zoom = lens.prescription().zoom.len() > 1;
+            if let Some(asked) = setting.focal_length.filter(|asked| is_zoom && (reached / asked - 1.0).abs() > 0.005) {
+                warn(&format!("{name}: {asked} mm is beyond its end; it is set to {reached:.2} mm"));
+            }
             let diagonal = 2.0 * film.reach().length();
             if let Some(circle) = circle.filter(|c| diagonal > 1.05 * c) {
                 warn(&format!("{name} was made for pictures of {circle} mm across: the film ({diagonal:.1} mm) is larger"));
