@@ -22,6 +22,7 @@ use crate::expose::ExposeError;
 use diopter_lens::Lens;
 use probe::Prober;
 use serde::Serialize;
+use std::time::Instant;
 
 /// How the sharpest position is searched for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -114,6 +115,8 @@ pub enum Failure {
     Ambiguous,
     /// A peak too weak to be believed.
     Uncertain,
+    /// The deadline had passed before it was looked at.
+    NoTime,
 }
 
 impl std::fmt::Display for Failure {
@@ -125,6 +128,7 @@ impl std::fmt::Display for Failure {
             Failure::BeyondInfinity => "the lens would have to go beyond infinity",
             Failure::Ambiguous => "the pattern repeats",
             Failure::Uncertain => "the peak is too weak",
+            Failure::NoTime => "the time limit left no time to look",
         })
     }
 }
@@ -150,6 +154,8 @@ pub struct Autofocus {
     pub reach_mm: Option<f64>,
     /// All positions from one extension to another in steps, mm, whatever the contrast does meanwhile: its curve is what is asked for. `exhaustive` alone.
     pub sweep_mm: Option<[f64; 3]>,
+    /// After this no other zone is begun; the first always is, that nearest the middle of the picture before the others.
+    pub deadline: Option<Instant>,
 }
 
 impl Autofocus {
@@ -165,8 +171,27 @@ impl Autofocus {
             step_mm: None,
             reach_mm: None,
             sweep_mm: None,
+            deadline: None,
         }
     }
+
+    /// Numbers of the zones in the order in which they are looked at.
+    fn order(&self) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..self.zones.len()).collect();
+        if self.deadline.is_some() {
+            order.sort_by(|a, b| off_middle(self.zones[*a]).total_cmp(&off_middle(self.zones[*b])));
+        }
+        order
+    }
+
+    fn is_late(&self) -> bool {
+        self.deadline.is_some_and(|deadline| Instant::now() >= deadline)
+    }
+}
+
+/// Distance of the middle of a zone from that of the picture, as a fraction of the picture.
+fn off_middle([x, y, w, h]: [f64; 4]) -> f64 {
+    (x + 0.5 * w - 0.5).hypot(y + 0.5 * h - 0.5)
 }
 
 /// Size of the zone in the middle, and of one about a point, as fractions of the picture.
@@ -255,12 +280,19 @@ pub struct Found {
     pub confidence: f64,
     /// Why not.
     pub failure: Option<Failure>,
-    /// `phase` or `contrast`.
+    /// `phase` or `contrast`; `none` where there was no time.
     pub method: &'static str,
     /// Times the lens moved.
     pub moves: u32,
     /// Where it looked.
     pub curve: Vec<Point>,
+}
+
+impl Found {
+    fn not_looked_at(zone: [f64; 4]) -> Found {
+        let (failure, curve) = (Some(Failure::NoTime), Vec::new());
+        Found { zone, extension_mm: 0.0, confidence: 0.0, failure, method: "none", moves: 0, curve }
+    }
 }
 
 /// What autofocus did.
@@ -309,20 +341,26 @@ pub fn autofocus(view: &View, af: &Autofocus) -> Result<Report, ExposeError> {
         range = Range { low: from, high: to, near: to };
     }
     let mut prober = Prober::new(view, af.motor, range.start());
-    let mut zones = Vec::with_capacity(af.zones.len());
-    for zone in &af.zones {
-        let found = match af.method {
-            Method::Contrast => contrast::fast(&mut prober, af, *zone, range)?,
-            Method::Exhaustive => contrast::exhaustive(&mut prober, af, *zone, range)?,
-            Method::Phase | Method::Hybrid => phase::search(&mut prober, af, *zone, range)?,
+    let mut zones: Vec<Found> = af.zones.iter().map(|zone| Found::not_looked_at(*zone)).collect();
+    for (looked_at, number) in af.order().into_iter().enumerate() {
+        if looked_at > 0 && af.is_late() {
+            break;
+        }
+        let zone = af.zones[number];
+        zones[number] = match af.method {
+            Method::Contrast => contrast::fast(&mut prober, af, zone, range)?,
+            Method::Exhaustive => contrast::exhaustive(&mut prober, af, zone, range)?,
+            Method::Phase | Method::Hybrid => phase::search(&mut prober, af, zone, range)?,
         };
-        zones.push(found);
     }
     let depth = 2.0 * view.camera.lens.f_number() * af.circle_mm;
     let mut chosen = choose(&zones, af.priority, depth);
     if chosen.is_none() && af.method == Method::Hybrid {
-        for found in &mut zones {
-            *found = contrast::fast(&mut prober, af, found.zone, range)?;
+        for number in af.order() {
+            if af.is_late() {
+                break;
+            }
+            zones[number] = contrast::fast(&mut prober, af, af.zones[number], range)?;
         }
         chosen = choose(&zones, af.priority, depth);
     }
@@ -371,10 +409,7 @@ pub fn choose(zones: &[Found], priority: Priority, depth_mm: f64) -> Option<(usi
         Priority::FrontMedian => middle(&sure[sure.len() / 2..]).map(own),
         Priority::BackMedian => middle(&sure[..sure.len().div_ceil(2)]).map(own),
         Priority::Centre => {
-            let off = |k: &usize| {
-                let [x, y, w, h] = zones[*k].zone;
-                (x + 0.5 * w - 0.5).hypot(y + 0.5 * h - 0.5)
-            };
+            let off = |k: &usize| off_middle(zones[*k].zone);
             sure.into_iter().min_by(|a, b| off(a).total_cmp(&off(b))).map(own)
         }
         Priority::Most => {
@@ -417,6 +452,17 @@ mod tests {
         assert!([0, 1, 5, 7].contains(&k) && (at - 0.205).abs() < 1e-9, "{k} {at}");
         assert_eq!(choose(&[found(1.0, 0.2, z[0])], Priority::Closest, 0.1), None);
         assert_eq!(choose(&[], Priority::Most, 0.1), None);
+    }
+
+    #[test]
+    fn with_a_deadline_the_middle_of_the_picture_comes_first() {
+        let zones = zones_named("nine").unwrap();
+        let af = Autofocus { zones, ..Autofocus::new(43.0) };
+        assert_eq!(af.order(), (0..9).collect::<Vec<_>>());
+        let begun = Instant::now();
+        let hurried = Autofocus { deadline: Some(begun), ..af };
+        assert_eq!(hurried.order()[0], 4);
+        assert!(hurried.is_late());
     }
 
     #[test]

@@ -2,6 +2,15 @@
 
 use crate::quantity::{LengthMm, number};
 
+/// Help of a flag that takes a name: what it is for, and the names.
+pub fn one_of<T>(purpose: &str, names: &[(&str, T)]) -> String {
+    let names: Vec<&str> = names.iter().map(|n| n.0).collect();
+    match names.split_last() {
+        Some((last, before)) if !before.is_empty() => format!("{purpose}: {} or {last}", before.join(", ")),
+        _ => format!("{purpose}: {}", names.join(", ")),
+    }
+}
+
 /// "x,y,z"; fails where it is not three numbers.
 pub fn point(text: &str) -> Result<[f32; 3], String> {
     let numbers: Option<Vec<f32>> = text.split(',').map(|n| n.trim().parse().ok()).collect();

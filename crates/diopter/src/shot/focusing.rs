@@ -267,7 +267,15 @@ impl Shot {
             filter: (-self.exposing.nd_stops).exp2(),
             watch,
         };
-        let report = autofocus(&view, &self.focusing.autofocus)?;
+        let settings = Autofocus { deadline: self.focus_deadline(), ..self.focusing.autofocus.clone() };
+        let report = autofocus(&view, &settings)?;
+        let missed = report.zones.iter().filter(|zone| zone.failure == Some(focus::Failure::NoTime)).count();
+        if missed > 0 {
+            warn(&format!(
+                "autofocus had no time for {missed} of {} zones: a third of the time limit is its own (fewer --focus-zones, a longer --time-limit, or a --focus distance)",
+                report.zones.len()
+            ));
+        }
         if let Some(why) = report.failure() {
             if self.focusing.require {
                 return Err(ShotError::Focus(why));

@@ -6,9 +6,10 @@
 //! Help shows values as flags write them ("90deg", "5mm", "0,1.5,-2"). In files and in Rust a key with a unit in its name (`fov_deg`, `shift_mm`) is a number in that unit, places are
 //! three numbers in metres, ranges and pairs are lists; quantities (lengths, times, stops) are texts with their unit in both.
 
-use super::flag_values::{degrees, fraction, list, pair, point, range, shift, tilt, triple};
+use super::flag_values::{degrees, fraction, list, one_of, pair, point, range, shift, tilt, triple};
 use super::setting::{Section, Setting, Value, section, values};
 use crate::denoising::Denoise;
+use crate::focus::{Measure, Method, Priority};
 use crate::polarizer::Polarizer;
 use crate::quantity::{Distance, Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Moment, Seconds, Size, number};
 use serde::{Deserialize, Serialize};
@@ -529,14 +530,14 @@ section! {
         /// Where autofocus looks: one, nine, or boxes "x,y,width,height;..." (fractions of the picture).
         #[arg(long = "focus-zones", value_name = "ZONES", allow_hyphen_values = true)]
         pub zones: Option<Zones>,
-        /// Which zone counts: closest (macro), farthest (background), median, front-median or back-median (of the nearer or farther half), centre or most.
-        #[arg(long = "focus-priority", value_name = "NAME")]
+        /// Which zone counts, by a name of [`Priority`].
+        #[arg(long = "focus-priority", value_name = "NAME", help = one_of("Which zone counts where they disagree", &Priority::NAMES))]
         pub priority: Option<String>,
-        /// hybrid (phase, then contrast), phase, contrast or exhaustive.
-        #[arg(long = "focus-method", value_name = "NAME")]
+        /// How autofocus searches, by a name of [`Method`].
+        #[arg(long = "focus-method", value_name = "NAME", help = one_of("How autofocus searches", &Method::NAMES))]
         pub method: Option<String>,
-        /// What contrast is measured by: sml, tenengrad or variance.
-        #[arg(long = "focus-measure", value_name = "NAME")]
+        /// What contrast is measured by, by a name of [`Measure`].
+        #[arg(long = "focus-measure", value_name = "NAME", help = one_of("What contrast is measured by", &Measure::NAMES))]
         pub measure: Option<String>,
         /// The motor: "step,backlash,speed" in mm, mm, mm/s of the film.
         ///

@@ -5,6 +5,8 @@
 //!   seen (every pixel regresses over its whole window).
 //! * Read-out, development and files: [`FINISHING_S_PER_PIXEL`].
 //!
+//! Autofocus begins no other zone after a third of the limit ([`FOCUSING`]).
+//!
 //! Denoising that does not fit into what is left of the limit is left out, which a warning says with the estimate: a picture in time is wanted more than
 //! a smooth one, and whoever wants both gives more time or fewer pixels. Of a sequence the first picture decides for all, so that they look alike.
 //!
@@ -28,7 +30,16 @@ const LIBRARY_TRIAL: [usize; 2] = [256, 256];
 /// Some reserve: for borders, where windows of so small a plane lose some of their pixels, and for a machine that has other work.
 const TRIAL_RESERVE: f64 = 1.4;
 
+/// What fraction of the limit autofocus may take before it begins no other zone.
+const FOCUSING: f64 = 1.0 / 3.0;
+
 impl Shot {
+    /// When autofocus begins no other zone; `None` without a limit.
+    pub(super) fn focus_deadline(&self) -> Option<Instant> {
+        let limit = std::time::Duration::try_from_secs_f64(FOCUSING * self.settings.time_limit_s?).ok()?;
+        self.begun.checked_add(limit)
+    }
+
     /// What is left of the time limit for the exposure, s; `None` without a limit. May be 0: an exposure then takes its fewest samples.
     pub(super) fn time_left_s(&self, bands: usize) -> Option<f64> {
         let limit = self.settings.time_limit_s?;
