@@ -154,6 +154,10 @@ pub fn expose(
 const PASS_PATHS: usize = 1 << 22;
 /// Tiles for each thread that are computed before their sums are added: enough that threads hardly wait for each other.
 const TILES_AT_ONCE: usize = 64;
+/// The fewest, so that no thread waits long for the last tile.
+const LEAST_TILES_AT_ONCE: usize = 8;
+/// How often sums can be saved, s.
+const KEPT_EVERY_S: f64 = 1.0;
 
 /// Bytes that exposing takes at most beside the scene: for each pixel, and for the tiles that all threads work on.
 ///
@@ -175,6 +179,13 @@ pub fn summed_bands(bands: usize, fireflies: bool, starbursts: bool, direct: boo
 /// Samples of a pass: a power of two that depends on the number of pixels alone.
 fn pass_length(pixels: usize) -> u32 {
     1u32 << (PASS_PATHS / pixels.max(1)).max(1).ilog2().clamp(1, 8)
+}
+
+/// Tiles that are taken before whoever keeps the sums is asked whether to save them: what [`KEPT_EVERY_S`] allows at the rate so far, enough for all threads. Which tiles are taken together
+/// does not change what they sum to.
+fn tiles_at_once(tile_samples_a_second: f64, samples: usize, threads: usize) -> usize {
+    let affordable = KEPT_EVERY_S * tile_samples_a_second / samples.max(1) as f64;
+    (affordable as usize).clamp(LEAST_TILES_AT_ONCE * threads, TILES_AT_ONCE * threads)
 }
 
 /// Where the pass ends that begins with a sample: at 2, 4, 8 ..., so that there is soon a picture to look at, and then at multiples of `length`. That depends on the
@@ -493,7 +504,8 @@ impl Exposure<'_> {
         let mut photons: Option<(u32, [PhotonMap; 2])> = None;
         let mut vertices: Option<(u32, [LightVertices; 2])> = None;
         let tiles = width.div_ceil(TILE) * height.div_ceil(TILE);
-        let at_once = TILES_AT_ONCE * rayon::current_num_threads().max(1);
+        let threads = rayon::current_num_threads().max(1);
+        let mut tile_samples_a_second = f64::INFINITY;
         let tiles_done = AtomicUsize::new(0);
         let resumed = sums.samples.end;
         let stopped = || watch.cancel.load(Ordering::Relaxed);
@@ -550,7 +562,12 @@ impl Exposure<'_> {
                 Some(limit) => (started.elapsed().as_secs_f64() / limit).min(1.0),
             };
             while sums.tiles < tiles {
+                let at_once = match &keep {
+                    None => TILES_AT_ONCE * threads,
+                    Some(_) => tiles_at_once(tile_samples_a_second, pass.len(), threads),
+                };
                 let batch = sums.tiles..(sums.tiles + at_once).min(tiles);
+                let begun = Instant::now();
                 let before = batch.clone().map(|index| unit.before(index, sums)).collect::<Result<Vec<_>, _>>()?;
                 let results: Vec<Option<Tile>> = before
                     .into_par_iter()
@@ -567,6 +584,7 @@ impl Exposure<'_> {
                 for tile in results {
                     sums.add(tile.ok_or(ExposeError::Cancelled)?)?;
                 }
+                tile_samples_a_second = (batch.len() * pass.len()) as f64 / begun.elapsed().as_secs_f64().max(1e-6);
                 sums.tiles = batch.end;
                 if sums.tiles == tiles {
                     if let Some(lamps) = &lamps {
