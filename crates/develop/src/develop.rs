@@ -22,6 +22,7 @@ use rayon::prelude::*;
 
 /// The steps, in their order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[non_exhaustive]
 pub enum Step {
     /// Numbers to fractions of saturation.
     BlackLevel,

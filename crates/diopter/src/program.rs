@@ -10,6 +10,7 @@ use crate::stops::{self, Step};
 
 /// Who chooses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Mode {
     /// All is set by hand.
     Manual,

@@ -289,6 +289,7 @@ impl Serialize for IsoChoice {
 
 /// What is to be sharp.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum FocusTo {
     /// A distance.
     Distance(Distance),

@@ -13,6 +13,7 @@ const LARGEST: f64 = 1e6;
 
 /// Shape of an aperture, before it is moved and turned.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Outline {
     /// Half widths in x and y.
     Rectangle([f64; 2]),

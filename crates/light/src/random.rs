@@ -32,6 +32,7 @@ pub enum SamplerKind {
 
 /// A decision of a path that needs up to four numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Dimensions {
     /// Position in the pixel (2), position in the pupil (2).
     Camera,

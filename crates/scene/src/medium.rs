@@ -24,6 +24,7 @@ use tracking::Track;
 
 /// A coefficient over wavelength, 1/m.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Coefficient {
     /// A number times a spectrum.
     Scaled(f32, Spectrum),

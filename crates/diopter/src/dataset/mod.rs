@@ -61,6 +61,7 @@ pub struct Dataset {
 
 /// How the files of items lie in a folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Layout {
     /// Tar archives of many items.
     Shards,

@@ -13,6 +13,7 @@ use glam::DVec2;
 
 /// Whether light is diffracted at the aperture.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub enum Diffraction {
     /// Rays only.
     #[default]

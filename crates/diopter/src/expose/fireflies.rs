@@ -16,6 +16,7 @@ use glam::Vec4;
 
 /// What becomes of outliers when the samples end.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub enum Fireflies {
     /// Every sample counts as it is: the mean is unbiased.
     #[default]

@@ -661,6 +661,7 @@ section! {
 /// Whether light is diffracted at the aperture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum DiffractionChoice {
     /// Where the Airy disk is no smaller than a pixel of the picture ([`crate::expose::diffraction_shows`]).
     #[default]
@@ -686,6 +687,7 @@ impl std::str::FromStr for DiffractionChoice {
 /// What becomes of outliers when the samples end.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum FireflyChoice {
     /// Every sample counts as it is.
     #[default]

@@ -14,6 +14,7 @@ pub(super) const FPS: f64 = 24.0;
 
 /// What is taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Sequence {
     /// One picture.
     Single,

@@ -146,6 +146,7 @@ impl Warp {
 
 /// What an opcode does.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Action {
     /// Places of pixels, of lenses that are not fisheyes (id 1) or are (id 2).
     Warp(Warp),

@@ -12,6 +12,7 @@ const STEP_NM: f64 = 10.0;
 
 /// A material of a film.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Material {
     /// One of the table's: number of its column.
     Film(usize),

@@ -89,6 +89,7 @@ impl Stack {
 
 /// What is on one surface of a lens.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum SurfaceCoating {
     /// Nothing (of a mirror: bare aluminium).
     Bare,

@@ -7,6 +7,7 @@ use std::f64::consts::PI;
 
 /// A rule for the layers on a glass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Recipe {
     /// A quarter wave of MgF₂.
     SingleLayer,

@@ -18,6 +18,7 @@ const FROM_WALL: f64 = 0.25;
 
 /// Why glare of a lens cannot be traced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum Unfit {
     /// Tilted, decentred or of other shape.
     #[error("the lens is not rotationally symmetric")]

@@ -5,6 +5,7 @@ use crate::tolerance::Direction;
 
 /// What may change. Surfaces are counted from 0 here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Freedom {
     /// Curvature, 1/mm.
     Curvature {

@@ -19,6 +19,7 @@ pub enum Axis {
 
 /// One way to be wrong. Surfaces are counted from 0 here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Change {
     /// Radius of curvature, mm.
     Radius {
@@ -82,6 +83,7 @@ pub enum Change {
 /// How a perturbation is distributed within its tolerance.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum Distribution {
     /// Even.
     #[default]

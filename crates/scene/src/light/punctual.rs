@@ -40,6 +40,7 @@ pub struct Pattern {
 
 /// How directions lie on the picture of a [`Pattern`].
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Spread {
     /// All directions on a square of equal areas (P. Clarberg 2008).
     Sphere,
@@ -100,6 +101,7 @@ pub(crate) fn square_of(d: Vec3) -> [f32; 2] {
 
 /// How the light of a spot falls off from its inner to its outer cone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum SpotEdge {
     /// As the square of a ramp in the cosine (KHR_lights_punctual).
     Squared,

@@ -7,6 +7,7 @@ use glam::{Vec2, Vec3};
 
 /// How roughness differs along and across a direction of the surface.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Anisotropy {
     /// Roughness (√α) across the tangent; the material's own is that along it.
     Across(Scalar),

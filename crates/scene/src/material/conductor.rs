@@ -27,6 +27,7 @@ pub struct Conductor {
 
 /// Light that bounces between the facets of a rough surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum FacetBounces {
     /// Given back (Turquin 2019): a white metal reflects everything.
     Compensated,

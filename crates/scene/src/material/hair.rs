@@ -47,6 +47,7 @@ pub struct Hair {
 
 /// What absorbs light in a fibre.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Pigment {
     /// An absorption coefficient, per radius of the fibre.
     Absorption(Spectrum),

@@ -56,6 +56,7 @@ struct InstanceMotion {
 
 /// Numbers in space that are not negative.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Scalars {
     /// On a regular grid.
     Grid(Grid<f32>),

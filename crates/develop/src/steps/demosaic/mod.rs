@@ -58,6 +58,7 @@ impl Mosaic<'_> {
 }
 
 /// A method made ready for a pattern.
+#[non_exhaustive]
 pub enum Demosaicer {
     /// One channel: nothing is missing.
     Monochrome,

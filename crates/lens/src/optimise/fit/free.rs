@@ -41,6 +41,7 @@ const MOST: usize = 64;
 
 /// Which number. Surfaces are counted from 0 here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum FreeNumber {
     /// Factor of all lengths.
     Scale,

@@ -54,6 +54,7 @@ pub enum Place {
 
 /// What was measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Table {
     /// Distortion, per cent.
     Percent,
