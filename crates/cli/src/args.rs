@@ -28,7 +28,7 @@ use diopter::shot::ShotFile;
 use diopter::shot::flag_values::pair;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use values::items;
+use values::{items, threads};
 
 /// Photographs of 3D scenes the way a real camera takes them.
 #[derive(Parser, Debug)]
@@ -38,7 +38,7 @@ pub struct Args {
     #[arg(long, global = true)]
     pub json: bool,
     /// Threads to use; all without. The result does not depend on it.
-    #[arg(long, global = true, value_name = "N")]
+    #[arg(long, global = true, value_name = "N", value_parser = threads)]
     pub threads: Option<NonZeroUsize>,
     #[command(subcommand)]
     pub verb: Verb,

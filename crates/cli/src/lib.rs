@@ -25,6 +25,7 @@ mod views;
 mod watch;
 
 use args::{Args, Verb};
+use diopter::files;
 use diopter::shot::ShotError;
 use std::ffi::OsString;
 
@@ -59,12 +60,12 @@ pub fn run(typed: impl IntoIterator<Item = OsString>) -> u8 {
         }
     };
     watch::install();
-    match run_verb(args) {
+    match run_verb(args).map_err(of_output) {
         Ok(()) => 0,
         // Whoever reads our output has gone: nothing to say, nobody to say it to.
         Err(e) if e.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe) => 0,
         Err(e) => {
-            watch::say(&format!("diopter: {e:#}"));
+            watch::say(&format!("diopter: {}", told(&e)));
             let request = e.is::<UsageError>() || e.downcast_ref::<ShotError>().is_some_and(ShotError::is_request);
             let code = if request { 2 } else { 1 };
             if json {
@@ -75,11 +76,24 @@ pub fn run(typed: impl IntoIterator<Item = OsString>) -> u8 {
     }
 }
 
+/// What failed to be written without a name was so on standard output: all other files are named where they are opened.
+fn of_output(e: anyhow::Error) -> anyhow::Error {
+    if e.is::<std::io::Error>() && e.chain().count() == 1 { e.context("standard output") } else { e }
+}
+
+/// The message of an error: what was done, and why it failed.
+fn told(e: &anyhow::Error) -> String {
+    files::without_number(&format!("{e:#}"))
+}
+
 /// An error for machines: `{"error": {"message", "place", "found", "expected", "hint", "exit_code"}}`; what is not known apart is null.
 fn error_json(e: &anyhow::Error, code: u8) -> serde_json::Value {
-    let message = format!("{e:#}");
+    let message = told(e);
     let parts = e.downcast_ref::<ShotError>().map(ShotError::parts).unwrap_or_default();
-    let [place, found, expected] = parts_of(&message);
+    let [place, found, expected] = match parts_of(&message) {
+        [None, None, None] => context_of(e),
+        known => known,
+    };
     // "(did you mean ...?)" with its brackets or without.
     let hint = message.find("did you mean").map(|at| match message[at..].find('?') {
         Some(end) => message[at..=at + end].to_owned(),
@@ -89,6 +103,17 @@ fn error_json(e: &anyhow::Error, code: u8) -> serde_json::Value {
         "place": parts.place.or(place), "found": parts.found.or(found), "expected": parts.expected.or(expected), "hint": parts.hint.or(hint),
         "message": message, "exit_code": code,
     } })
+}
+
+/// Place and found of an error that was given its place on the way up: "FILE", or "FILE: cannot be written".
+fn context_of(e: &anyhow::Error) -> [Option<String>; 3] {
+    let e = e.downcast_ref::<UsageError>().map_or(e, |request| &request.0);
+    let outer = e.to_string();
+    let inner = e.chain().nth(1).map(ToString::to_string).filter(|inner| *inner != outer);
+    let message = told(e);
+    let place = inner.map(|_| outer.split_once(": ").map_or(outer.as_str(), |(place, _)| place));
+    let found = place.and_then(|place| message.strip_prefix(place)?.strip_prefix(": "));
+    [place, found, None].map(|text| text.map(str::to_owned))
 }
 
 /// Place, found and expected of a message, by the form that ours have: "PLACE FOUND: expected WHAT" or "PLACE: FOUND; expected WHAT".
@@ -115,15 +140,8 @@ fn print_error(error: &serde_json::Value) {
     let _ = writeln!(std::io::stdout(), "{error:#}");
 }
 
-/// More than any machine has; each takes memory for its stack.
-const MOST_THREADS: usize = 1024;
-
 fn run_verb(args: Args) -> anyhow::Result<()> {
     if let Some(threads) = args.threads {
-        if threads.get() > MOST_THREADS {
-            let wrong = anyhow::anyhow!("--threads {threads}: expected 1 to {MOST_THREADS}");
-            return Err(UsageError(wrong).into());
-        }
         rayon::ThreadPoolBuilder::new().num_threads(threads.get()).build_global()?;
     }
     let json = args.json;
@@ -187,7 +205,23 @@ mod tests {
         }
         let near = json(UsageError(anyhow::anyhow!("lens \"planr\": expected a lens (did you mean \"planar\"?)")).into());
         assert_eq!(near["hint"], "did you mean \"planar\"?");
+        let gone = || std::io::Error::new(std::io::ErrorKind::NotFound, "there is no such file");
+        for (e, place, found) in [
+            (anyhow::Error::from(gone()).context("a.dng"), "a.dng", "there is no such file"),
+            (UsageError(anyhow::Error::from(gone()).context("a.dng")).into(), "a.dng", "there is no such file"),
+            (
+                anyhow::Error::from(std::io::Error::from_raw_os_error(28)).context("a.jpg: cannot be written"),
+                "a.jpg",
+                "cannot be written: No space left on device",
+            ),
+            (of_output(gone().into()), "standard output", "there is no such file"),
+        ] {
+            let e = json(e);
+            assert_eq!((e["place"].as_str(), e["found"].as_str()), (Some(place), Some(found)), "{e}");
+            assert_eq!(e["message"], format!("{place}: {found}"));
+        }
         let other = json(anyhow::anyhow!("the exposure was stopped"));
+        assert!(other["place"].is_null() && other["found"].is_null(), "{other}");
         assert!(other["expected"].is_null() && other["hint"].is_null() && other["message"] == "the exposure was stopped");
     }
 }

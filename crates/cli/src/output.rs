@@ -6,6 +6,7 @@ use crate::watch::warn;
 use anyhow::{Context, anyhow};
 use diopter::develop::lut::Lut;
 use diopter::develop::{Developer, Recipe};
+use diopter::files;
 use diopter::image::dng::Storage;
 use diopter::image::focal_plane::FocalPlaneSource;
 use diopter::image::truth::Recorded;
@@ -87,7 +88,7 @@ impl Output {
         if let Err(e) = told
             && e.kind() != io::ErrorKind::NotFound
         {
-            return Err(e).with_context(place);
+            return Err(files::in_words(path, e)).with_context(place);
         }
         let name = name.to_string_lossy();
         let (part, target, file) = if is_stream(path) {
@@ -106,7 +107,7 @@ impl Output {
             let name = target.file_name().unwrap_or_default().to_string_lossy();
             let part = target.with_file_name(part_name(&name, machine(), std::process::id()));
             remove_orphans(target.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")));
-            let file = File::create(&part).with_context(|| match target == path {
+            let file = File::create(&part).map_err(|e| files::in_words(&target, e)).with_context(|| match target == path {
                 true => place(),
                 false => format!("{} (a link to {}): cannot be written", path.display(), target.display()),
             })?;
@@ -442,6 +443,8 @@ mod tests {
         assert!(distinct([], [null, null]).is_ok());
         assert!(distinct([], [Path::new("a.jpg"), Path::new("./a.jpg")]).is_err());
         assert!(!is_stream(Path::new("Cargo.toml")) && !is_stream(Path::new("/")));
+        let gone = format!("{:#}", Output::prepare(Path::new("/nonexistent/dir/a.jpg")).err().unwrap());
+        assert_eq!(gone, "/nonexistent/dir/a.jpg: cannot be written: there is no folder /nonexistent");
         let folder = Output::prepare(Path::new("/")).err().unwrap().to_string();
         assert!(folder.contains("expected the name of a file"), "{folder}");
     }

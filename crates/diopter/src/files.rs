@@ -65,12 +65,12 @@ impl Seek for Source {
 pub fn open(path: &Path) -> io::Result<Source> {
     let standard_input = path == Path::new(STANDARD_INPUT);
     if !standard_input {
-        let told = std::fs::metadata(path)?;
+        let told = std::fs::metadata(path).map_err(|e| in_words(path, e))?;
         if told.is_dir() {
             return Err(io::Error::new(io::ErrorKind::IsADirectory, "this is a folder; expected a file"));
         }
         if told.is_file() {
-            return Ok(Source::File(BufReader::new(File::open(path)?)));
+            return Ok(Source::File(BufReader::new(File::open(path).map_err(|e| in_words(path, e))?)));
         }
     }
     let mut streams = STREAMS.lock().unwrap_or_else(PoisonError::into_inner);
@@ -83,11 +83,42 @@ pub fn open(path: &Path) -> io::Result<Source> {
     }
     let bytes = match standard_input {
         true => bounded(io::stdin().lock(), MOST_STREAM_BYTES)?,
-        false => bounded(File::open(path)?, MOST_STREAM_BYTES)?,
+        false => bounded(File::open(path).map_err(|e| in_words(path, e))?, MOST_STREAM_BYTES)?,
     };
     let bytes: Arc<[u8]> = bytes.into();
     streams.push((path.to_owned(), bytes.clone()));
     Ok(Source::Stream(Cursor::new(bytes)))
+}
+
+/// What keeps a file from being opened, in words that follow its name: "there is no such file", "there is no folder a/b". The kind of the error stays.
+pub fn in_words(path: &Path, e: io::Error) -> io::Error {
+    // The outermost folder that is missing, or that is a file.
+    let folders: Vec<&Path> = path.ancestors().skip(1).filter(|f| !f.as_os_str().is_empty()).collect();
+    let no_folder = folders.iter().rev().find(|f| !f.is_dir());
+    let words = match (e.kind(), no_folder) {
+        (io::ErrorKind::NotFound | io::ErrorKind::NotADirectory, Some(folder)) if folder.exists() => {
+            format!("{} is a file; expected a folder", folder.display())
+        }
+        (io::ErrorKind::NotFound, Some(folder)) => format!("there is no folder {}", folder.display()),
+        (io::ErrorKind::NotFound, None) => "there is no such file".to_owned(),
+        (io::ErrorKind::PermissionDenied, _) => "its permissions, or those of a folder that it is in, do not allow it".to_owned(),
+        _ => without_number(&e.to_string()),
+    };
+    io::Error::new(e.kind(), words)
+}
+
+/// A message without the numbers that the system gives its errors, " (os error 28)": the words before say the same.
+pub fn without_number(message: &str) -> String {
+    const NUMBER: &str = " (os error ";
+    let mut parts = message.split(NUMBER);
+    let mut text = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        match part.split_once(')') {
+            Some((number, rest)) if number.parse::<i32>().is_ok() => text += rest,
+            _ => text.extend([NUMBER, part]),
+        }
+    }
+    text
 }
 
 /// All bytes of a file or stream. Fails as [`open`], and where reading fails.
@@ -133,6 +164,13 @@ mod tests {
     }
 
     #[test]
+    fn messages_lose_the_numbers_of_the_system() {
+        let full = "a.jpg: cannot be written: No space left on device (os error 28)";
+        assert_eq!(without_number(full), "a.jpg: cannot be written: No space left on device");
+        assert_eq!(without_number("a (os error 1): b (os error x)"), "a: b (os error x)");
+    }
+
+    #[test]
     fn files_are_read_and_folders_named() {
         let folder = std::env::temp_dir().join(format!("diopter-files-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
@@ -147,7 +185,16 @@ mod tests {
         std::fs::write(&path, [0xff, 0xfe, 0]).unwrap();
         assert!(read_text(&path).unwrap_err().to_string().contains("not text"));
         assert!(open(&folder).err().unwrap().to_string().contains("folder"));
-        assert_eq!(open(&folder.join("b")).err().unwrap().kind(), io::ErrorKind::NotFound);
+        for (name, words, kind) in [
+            ("b", "there is no such file".to_owned(), io::ErrorKind::NotFound),
+            ("c/d/b", format!("there is no folder {}", folder.join("c").display()), io::ErrorKind::NotFound),
+            ("a.txt/b", format!("{} is a file; expected a folder", path.display()), io::ErrorKind::NotADirectory),
+        ] {
+            let error = open(&folder.join(name)).err().unwrap();
+            assert_eq!((error.to_string(), error.kind()), (words, kind));
+        }
+        let denied = in_words(&path, io::Error::from(io::ErrorKind::PermissionDenied));
+        assert!(denied.kind() == io::ErrorKind::PermissionDenied && denied.to_string().contains("permissions"), "{denied}");
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -9,7 +9,7 @@ use crate::channels;
 use crate::cryptomatte;
 use crate::focal_plane::{Band, Truth};
 use crate::picture::in_bands;
-use crate::streams::{ReadSeek, WriteSeek};
+use crate::streams::{ReadSeek, WriteSeek, beginning, foreign};
 use crate::truth::{Manifest, Recorded, Values};
 use crate::{Encoding, ExposureFacts, FocalPlane, ImageError, PictureSource, Raster};
 use diopter_light::color::RgbSpace;
@@ -410,15 +410,41 @@ fn read_layer(from: &mut dyn ReadSeek) -> std::result::Result<Layer<AnyChannels<
 /// whole. A tile of 2048 × 2048 pixels of four 32-bit numbers.
 const LARGEST_BLOCK: usize = 64 << 20;
 
+/// The first bytes of every EXR.
+const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
+
+/// Pixels a side, and farthest from the origin, that OpenEXR has (`INT_MAX / 2` in its `ImfHeader`).
+const LARGEST_CORNER: i64 = (i32::MAX / 2) as i64;
+
 /// Reads the headers, and holds the pixels that they announce against the bytes of the file: before any memory is asked for.
 fn open<R: Read + Seek>(from: R) -> std::result::Result<exr::block::reader::Reader<std::io::BufReader<R>>, ImageError> {
     let mut from = std::io::BufReader::new(from);
+    let begins = beginning(&mut from, 8192)?;
+    if !begins.starts_with(&MAGIC) {
+        return Err(foreign("EXR", &begins[..begins.len().min(64)], "an EXR file (diopter develop takes raw files)"));
+    }
     let start = from.stream_position()?;
     let length = from.seek(SeekFrom::End(0))?.saturating_sub(start);
     from.seek(SeekFrom::Start(start))?;
-    let reader = exr::block::read(from, false).map_err(malformed)?;
+    let reader = exr::block::read(from, false).map_err(|e| too_large(&begins).unwrap_or_else(|| malformed(e)))?;
     reader.headers().iter().try_for_each(|header| within_file(header, length))?;
     Ok(reader)
+}
+
+/// The error of a file whose header tells a larger picture than the format has. The reader does not say which.
+fn too_large(header: &[u8]) -> Option<ImageError> {
+    const WINDOW: &[u8] = b"dataWindow\0box2i\0\x10\0\0\0";
+    let at = header.windows(WINDOW.len()).position(|w| w == WINDOW)? + WINDOW.len();
+    let corners: Vec<i64> =
+        header.get(at..at + 16)?.as_chunks::<4>().0.iter().map(|b| i64::from(i32::from_le_bytes(*b))).collect();
+    let [width, height] = [corners[2] - corners[0] + 1, corners[3] - corners[1] + 1];
+    let beyond = corners.iter().any(|c| c.abs() >= LARGEST_CORNER) || !(1..=LARGEST_CORNER).contains(&width.min(height));
+    beyond.then(|| ImageError::Malformed {
+        format: "EXR",
+        reason: format!(
+            "{width} × {height} pixels are announced; expected 1 to {LARGEST_CORNER} a side, within as many of the origin"
+        ),
+    })
 }
 
 /// Most bytes of pixels that a byte of a file can become.

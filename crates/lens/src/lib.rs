@@ -65,7 +65,7 @@ pub use prescription::{Prescription, PrescriptionError};
 pub use system::{State, System};
 pub use thin::{Pinhole, Projection, ThinEntry, ThinLens};
 
-use diopter_light::units::Millimeters;
+use diopter_light::units::{Millimeters, shown};
 use glam::{DVec2, DVec3};
 
 /// Where the lens is focused, measured from the lens plane (of a real lens: from its entrance pupil).
@@ -117,6 +117,17 @@ pub enum BlockedBy {
     Missed,
     /// Total internal reflection, or an order that a diffractive surface does not send out.
     TotalReflection,
+}
+
+impl std::fmt::Display for BlockedBy {
+    /// What happened to the ray, in words: "it missed the surface".
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str(match self {
+            BlockedBy::Clipped => "it went outside the clear aperture or the stop",
+            BlockedBy::Missed => "it missed the surface",
+            BlockedBy::TotalReflection => "the surface let no light of it through (total reflection)",
+        })
+    }
 }
 
 /// A lens.
@@ -372,5 +383,5 @@ pub enum LensError {
 
 /// Fails with [`LensError::Range`] unless `ok`.
 pub(crate) fn require(ok: bool, what: &'static str, found: f64, unit: &str, expected: &'static str) -> Result<(), LensError> {
-    if ok { Ok(()) } else { Err(LensError::Range { what, found: format!("{found}{unit}"), expected }) }
+    if ok { Ok(()) } else { Err(LensError::Range { what, found: format!("{}{unit}", shown(found)), expected }) }
 }

@@ -6,6 +6,7 @@ use crate::{Blocked, BlockedBy, Focus, Iris, LensError, LensRay, require};
 use diopter_light::units::Millimeters;
 use glam::{DQuat, DVec2, DVec3, Vec2};
 use std::f64::consts::{PI, TAU};
+use std::ops::RangeInclusive;
 
 /// A hole at the origin. It has no size for rays; for light it has the area of its f-number.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,7 +38,7 @@ pub enum Projection {
 }
 
 impl Pinhole {
-    /// Fails unless both are positive.
+    /// Fails unless the film lies 1 µm to 10 km behind the hole and the f-number is positive.
     pub fn new(film_distance: Millimeters, f_number: f64) -> Result<Self, LensError> {
         check(film_distance, f_number)?;
         Ok(Pinhole { film_distance, f_number, projection: Projection::Rectilinear })
@@ -98,7 +99,7 @@ pub struct ThinEntry {
 const MOST_TILT: f64 = PI / 3.0;
 
 impl ThinLens {
-    /// Fails unless focal length and f-number are positive and the focus lies beyond the focal length.
+    /// Fails unless the focal length is 1 µm to 10 km, the f-number positive and the focus lies beyond the focal length.
     pub fn new(focal_length: Millimeters, f_number: f64, iris: Iris, focus: Focus) -> Result<Self, LensError> {
         check(focal_length, f_number)?;
         if let Focus::Distance(Millimeters(s)) = focus {
@@ -279,8 +280,12 @@ pub(crate) fn turn(tilt: [f64; 2]) -> DQuat {
     DQuat::from_rotation_y(-tilt[1]) * DQuat::from_rotation_x(-tilt[0])
 }
 
+/// Focal lengths, mm: from about the wavelength of light to far beyond the longest telescopes (ELT: 743 m).
+const FOCAL_LENGTHS_MM: RangeInclusive<f64> = 1e-3..=1e7;
+
 fn check(focal_length: Millimeters, f_number: f64) -> Result<(), LensError> {
-    require(focal_length.0 > 0.0 && focal_length.0.is_finite(), "focal length", focal_length.0, " mm", "a positive length")?;
+    let expected = "0.001 mm to 10 km: a shorter one is about the wavelength of light, and no telescope is longer";
+    require(FOCAL_LENGTHS_MM.contains(&focal_length.0), "focal length", focal_length.0, " mm", expected)?;
     require(f_number > 0.0 && f_number.is_finite(), "f-number", f_number, "", "a positive number such as f/2.8")
 }
 

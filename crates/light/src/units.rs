@@ -31,6 +31,15 @@ impl From<Millimeters> for Meters {
     }
 }
 
+/// A number as messages show it: eight digits, with an exponent where zeros would fill a line.
+pub fn shown(v: f64) -> String {
+    let rounded: f64 = format!("{v:.7e}").parse().unwrap_or(v);
+    match rounded == 0.0 || !rounded.is_finite() || (1e-6..1e12).contains(&rounded.abs()) {
+        true => rounded.to_string(),
+        false => format!("{rounded:e}"),
+    }
+}
+
 /// Energy of one photon of the given wavelength (nm), in joule: E = h c / λ.
 pub fn photon_energy_j(nm: f64) -> f64 {
     PLANCK * SPEED_OF_LIGHT / (nm * 1e-9)
@@ -39,6 +48,22 @@ pub fn photon_energy_j(nm: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_of_any_size_are_shown_with_few_digits() {
+        for (value, text) in [
+            (50.0, "50"),
+            (0.1 + 0.2, "0.3"),
+            (-123_456.789_012, "-123456.79"),
+            (4e7, "40000000"),
+            (1e300, "1e300"),
+            (-1.234_567_891e-300, "-1.2345679e-300"),
+            (0.0, "0"),
+            (f64::INFINITY, "inf"),
+        ] {
+            assert_eq!(shown(value), text);
+        }
+    }
 
     #[test]
     fn green_photon_carries_two_and_a_quarter_electronvolts() {

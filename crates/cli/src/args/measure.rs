@@ -4,7 +4,7 @@ use super::values::{corners, list, rectangle};
 use super::{Developing, List};
 use clap::Subcommand;
 use diopter::quantity::{FNumber, Iso, LengthMm, Seconds, Size};
-use diopter::shot::flag_values::pair;
+use diopter::shot::flag_values::{pair, samples_a_pixel};
 use std::path::PathBuf;
 
 #[derive(Subcommand, Debug)]
@@ -115,7 +115,7 @@ pub struct MeasureMtf {
     #[arg(long, value_name = "WxH")]
     pub size: Option<Size>,
     /// Samples a pixel of the photograph of a scene; 64 without, or those of the shot file.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = samples_a_pixel)]
     pub spp: Option<u32>,
     /// Measure the developed picture of a scene, a shot or a raw file, and predict what each step of the development does to the edge.
     #[arg(long)]
@@ -160,7 +160,7 @@ pub struct MeasureReport {
     #[arg(long, value_name = "WxH")]
     pub size: Option<Size>,
     /// Samples a pixel of the photographs.
-    #[arg(long, value_name = "N", default_value_t = 64)]
+    #[arg(long, value_name = "N", default_value_t = 64, value_parser = samples_a_pixel)]
     pub spp: u32,
     /// Time in which the body's electronic shutter reads the picture: "20ms"; that of a common sensor (50.8 ms) without.
     #[arg(long, value_name = "TIME")]

@@ -3,6 +3,7 @@
 use super::Checkpoint;
 use diopter::quantity::Seconds;
 use diopter::shot::flag_values;
+use std::num::NonZeroUsize;
 
 /// Numbers separated by commas.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,6 +29,15 @@ pub fn joined_focus(args: impl Iterator<Item = std::ffi::OsString>) -> Vec<std::
         }
     }
     joined
+}
+
+/// More than any machine has; each takes memory for its stack.
+const MOST_THREADS: usize = 1024;
+
+/// A number of threads.
+pub(super) fn threads(text: &str) -> Result<NonZeroUsize, String> {
+    let count = text.trim().parse().ok().filter(|n: &NonZeroUsize| n.get() <= MOST_THREADS);
+    count.ok_or_else(|| format!("\"{text}\" is not a number of threads from 1 to {MOST_THREADS}"))
 }
 
 /// A part of a picture.

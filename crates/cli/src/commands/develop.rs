@@ -66,7 +66,7 @@ pub fn run(args: &Develop, json: bool) -> anyhow::Result<()> {
                 }
                 // One file that cannot be developed is no reason to leave the others.
                 Err(e) if several => {
-                    say(&format!("diopter: {e:#}"));
+                    say(&format!("diopter: {}", crate::told(&e)));
                     failed += 1;
                 }
                 Err(e) => return Err(e),

@@ -7,6 +7,7 @@ use crate::output::{Output, distinct};
 use crate::watch::say;
 use crate::{UsageError, paint};
 use anyhow::{Context, anyhow};
+use diopter::files;
 use diopter::lens::Prescription;
 use diopter::lens::draw::{Distributed, Figure, distribution_plot};
 use diopter::lens::tolerance::{QuantityKind, Sensitivity, Summary, ToleranceSheet, Toleranced, yield_of};
@@ -36,7 +37,7 @@ struct Report {
 
 /// Text of a sheet file.
 pub(super) fn read_sheet(path: &Path) -> anyhow::Result<String> {
-    std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))
+    files::read_text(path).with_context(|| path.display().to_string())
 }
 
 /// The lens that is asked for, else the one a sheet names; a file stands beside the sheet.

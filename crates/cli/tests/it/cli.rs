@@ -545,11 +545,14 @@ fn failures_exit_with_1_and_leave_nothing() {
         (&["scene", "convert", "t.obj", "--strict", "-o", "t.glb"], "gone.png"),
         (&["shoot", "missing.toml"], "missing.toml"),
         (&["shoot", "--environment", "text.hdr"], "text.hdr"),
-        (&["shoot", "-o", "no/such/folder/photo.jpg"], "cannot be written"),
+        (&["shoot", "-o", "no/such/folder/photo.jpg"], "cannot be written: there is no folder no"),
         (&["lens", "info", "missing.zmx"], "missing.zmx: there is no such file"),
         (&["read-out", "text.exr", "-o", "raw.dng"], "text.exr"),
-        (&["read-out", "missing.exr", "-o", "raw.dng"], "missing.exr"),
-        (&["develop", "text.exr", "-o", "a.png"], "text.exr"),
+        (&["read-out", "missing.exr", "-o", "raw.dng"], "missing.exr: there is no such file"),
+        (&["merge", "away/a.exr", "b.exr", "-o", "c.exr"], "away/a.exr: there is no folder away"),
+        (&["develop", "missing.dng", "-o", "a.png"], "missing.dng: there is no such file"),
+        (&["develop", "--recipe", "missing.toml", "missing.dng", "-o", "a.png"], "missing.toml: there is no such file"),
+        (&["develop", "text.exr", "-o", "a.png"], "text.exr: not a readable DNG file: it is a text; expected a raw file"),
     ];
     for (args, expected) in cases {
         let (code, message) = f.fails(args);

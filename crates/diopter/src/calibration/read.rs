@@ -14,10 +14,7 @@ const LARGEST_TEXT: usize = 256 << 20;
 /// width, where the map does not say it.
 pub fn read_camera(path: &Path, focal_of_width: Option<f64>) -> Result<CameraSource, CalibrationError> {
     let name = path.display().to_string();
-    let bytes = files::read(path).map_err(|e| match e.kind() {
-        std::io::ErrorKind::NotFound => wrong(&*name, "there is no such file", "a calibration"),
-        _ => wrong(&*name, e.to_string(), "a file that can be read"),
-    })?;
+    let bytes = files::read(path).map_err(|e| wrong(&*name, e.to_string(), "a calibration"))?;
     // The first bytes of every EXR.
     if bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]) {
         return match ray_table::is_one(&bytes) {

@@ -1,6 +1,7 @@
 //! What a shot asks for, checked: what no file and no scene is needed for, and what the camera must be able to do once it stands.
 
 use super::file::ShotFile;
+use super::flag_values::MOST_SAMPLES;
 use super::sections::{DiffractionChoice, RenderSection};
 use super::{DEFAULT_BODY, DEFAULT_SEED, DEFAULT_SPP, Exposing, Inputs, ShotError, surroundings, value, white_point};
 use crate::camera::Camera;
@@ -194,8 +195,8 @@ pub(super) fn diffraction(render: &RenderSection) -> DiffractionChoice {
 
 fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
     let spp = r.spp.unwrap_or(DEFAULT_SPP);
-    if spp == 0 || spp > 1 << 24 {
-        return Err(value("spp", spp, "1 to 16777216 samples a pixel"));
+    if !(1..=MOST_SAMPLES).contains(&spp) {
+        return Err(value("spp", spp, format!("1 to {MOST_SAMPLES} samples a pixel")));
     }
     let samples = r.samples.map_or(0..spp, |[a, b]| a..b);
     if samples.is_empty() || samples.end > spp {

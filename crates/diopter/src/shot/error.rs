@@ -5,6 +5,7 @@ use crate::camera::PlacementError;
 use crate::expose::error::ExposeError;
 use diopter_develop::RecipeError;
 use diopter_lens::LensError;
+use diopter_light::units::shown;
 use diopter_scene::SceneError;
 use diopter_sensor::SensorError;
 use std::borrow::Cow;
@@ -87,5 +88,46 @@ impl ShotError {
 }
 
 pub(crate) fn value(what: impl Into<Cow<'static, str>>, found: impl ToString, expected: impl Into<String>) -> ShotError {
-    ShotError::Value { what: what.into(), found: found.to_string(), expected: expected.into() }
+    ShotError::Value { what: what.into(), found: short_numbers(found.to_string()), expected: expected.into() }
+}
+
+/// What was asked for, without numbers of hundreds of digits: each word that is a long number, behind "f/" or "1/" too, has eight of them.
+fn short_numbers(found: String) -> String {
+    /// Longest number that stays: those that count have 20 digits at most, others no more than tell them apart.
+    const LONGEST: [usize; 2] = [20, 12];
+    // Names are in quotes.
+    if found.len() <= LONGEST[1] || found.contains('"') {
+        return found;
+    }
+    let short = |word: &str| {
+        let from = ["f/", "1/"].into_iter().find(|p| word.starts_with(p)).map_or(0, str::len);
+        let number = word[from..].trim_end_matches(['°', '%', ',']);
+        let long = number.len() > LONGEST[usize::from(number.contains('.'))];
+        match number.parse::<f64>() {
+            Ok(v) if long => format!("{}{}{}", &word[..from], shown(v), &word[from + number.len()..]),
+            _ => word.to_owned(),
+        }
+    };
+    found.split(' ').map(short).collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quantity::{FNumber, Seconds};
+
+    #[test]
+    fn numbers_of_any_size_are_told_in_few_digits() {
+        for (e, words) in [
+            (value("shutter", Seconds(1e300), "a time"), "shutter 1e300 s: expected a time"),
+            (value("shutter", Seconds(1e-300), "a time"), "shutter 1/1e300 s: expected a time"),
+            (value("aperture", FNumber(1e300), "a number"), "aperture f/1e300: expected a number"),
+            (value("fov", format!("{}°", -1e300), "an angle"), "fov -1e300°: expected an angle"),
+            (value("scale", 0.1 + 0.2, "a factor"), "scale 0.3: expected a factor"),
+            (value("seed", u64::MAX, "less"), "seed 18446744073709551615: expected less"),
+            (value("scene", "\"a 0.30000000000000004\"", "a name"), "scene \"a 0.30000000000000004\": expected a name"),
+        ] {
+            assert_eq!(e.to_string(), words);
+        }
+    }
 }

@@ -63,6 +63,10 @@ fn wrong_kind(text: &str, path: &str, parser: &str) -> String {
         Some((kind, flag)) => {
             format!("this is the file of a {kind}; expected a shot file or a scene, and {flag} {path} beside it")
         }
+        None if path == files::STANDARD_INPUT && toml::from_str::<toml::Table>(text).is_err() => {
+            let expected = "expected one on standard input; a scene is given by the name of its file";
+            format!("this is no shot file (TOML); {expected}: {}", parser.trim_end())
+        }
         None => parser.trim_end().to_owned(),
     }
 }

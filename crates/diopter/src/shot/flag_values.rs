@@ -57,6 +57,15 @@ pub fn fraction(text: &str) -> Result<f64, String> {
     number(text).ok_or_else(|| format!("\"{text}\" is not a fraction such as 0.25 or 1/4"))
 }
 
+/// Most samples a pixel: numbers of single precision count no further one by one.
+pub const MOST_SAMPLES: u32 = 1 << 24;
+
+/// Samples a pixel; fails where they are no whole number, none or more than [`MOST_SAMPLES`].
+pub fn samples_a_pixel(text: &str) -> Result<u32, String> {
+    let count = text.trim().parse().ok().filter(|n| (1..=MOST_SAMPLES).contains(n));
+    count.ok_or_else(|| format!("\"{text}\" is not a number of samples from 1 to {MOST_SAMPLES}"))
+}
+
 /// Samples "A..B": the first, and one after the last; fails where they are not whole numbers.
 pub fn range(text: &str) -> Result<[u32; 2], String> {
     let ends = text.split_once("..").and_then(|(a, b)| Some([a.trim().parse().ok()?, b.trim().parse().ok()?]));

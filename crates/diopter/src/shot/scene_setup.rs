@@ -21,6 +21,7 @@ use diopter_lens::Focus;
 use diopter_lens::camera_model::ModelKind;
 use diopter_lens::compound::{CompoundLens, Setting};
 use diopter_light::Ray;
+use diopter_light::units::shown;
 use diopter_scene::bvh::Bounds;
 use diopter_scene::classes::ClassTable;
 use diopter_scene::load::PixelView;
@@ -415,7 +416,8 @@ pub(super) fn placement(
 
     let bounds = description.bounds_at(at_s, |_| true);
     if !bounds.is_empty() && !(bounds.min.abs().max(bounds.max.abs()).max_element() <= LARGEST_M) {
-        let found = format!("with a surface from {} to {} m", bounds.min, bounds.max);
+        let [min, max] = [bounds.min, bounds.max].map(|corner| corner.to_array().map(|v| shown(v.into())).join(", "));
+        let found = format!("with a surface from [{min}] to [{max}] m");
         return Err(value("scene", found, "coordinates within 1e12 m of the origin"));
     }
     let center = if bounds.is_empty() { Vec3::ZERO } else { bounds.center() };

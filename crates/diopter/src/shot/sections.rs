@@ -6,7 +6,7 @@
 //! Help shows values as flags write them ("90deg", "5mm", "0,1.5,-2"). In files and in Rust a key with a unit in its name (`fov_deg`, `shift_mm`) is a number in that unit, places are
 //! three numbers in metres, ranges and pairs are lists; quantities (lengths, times, stops) are texts with their unit in both.
 
-use super::flag_values::{degrees, fraction, list, one_of, pair, point, range, shift, tilt, triple};
+use super::flag_values::{degrees, fraction, list, one_of, pair, point, range, samples_a_pixel, shift, tilt, triple};
 use super::setting::{Section, Setting, Value, section, values};
 use crate::denoising::Denoise;
 use crate::focus::{Measure, Method, Priority};
@@ -584,7 +584,7 @@ section! {
         #[arg(long, value_name = "WxH")]
         pub size: Option<Size>,
         /// Samples a pixel.
-        #[arg(long, value_name = "N")]
+        #[arg(long, value_name = "N", value_parser = samples_a_pixel)]
         pub spp: Option<u32>,
         /// Only samples A to B (B not included) of --spp: parts can be merged later.
         #[arg(long, value_name = "A..B", value_parser = range)]

@@ -41,10 +41,7 @@ pub fn read_scene(name: &str, strict: bool) -> Result<Description, ShotError> {
     let folder = path.parent().unwrap_or(Path::new("")).to_owned();
     let fetch = move |uri: &str| {
         let found = folder.join(uri);
-        files::read(&found).map_err(|e| match e.kind() {
-            std::io::ErrorKind::NotFound => "there is no such file".into(),
-            _ => e.to_string(),
-        })
+        files::read(&found).map_err(|e| e.to_string())
     };
     let refuse = |(what, way): (&str, &str)| {
         ShotError::Scene(SceneError::File {
@@ -248,15 +245,23 @@ pub fn read_lens(name: &str) -> Result<Prescription, ShotError> {
     match import::Format::of(name) {
         Some(format) => Ok(import::read(&read_file(path)?, format, name).map_err(LensError::from)?),
         _ => {
-            let expected = match nearest(name, diopter_lens::embedded_names().chain(IDEAL)) {
-                Some(near) => format!("a lens (did you mean \"{near}\"?)"),
-                None if path.exists() => format!("a lens file: {}", import::Format::ENDINGS),
-                None => format!(
-                    "thin, pinhole, panorama, fisheye-equidistant (-equisolid, -stereographic, -orthographic), a name of `lens list`, or a file: {}",
-                    import::Format::ENDINGS
-                ),
+            let of_file = format!("a lens file, whose ending tells its format: {}", import::Format::ENDINGS);
+            let ending = path.extension().map(|e| e.to_string_lossy());
+            let (what, expected) = match (nearest(name, diopter_lens::embedded_names().chain(IDEAL)), ending) {
+                _ if path.is_dir() => (", which is a folder".to_owned(), of_file),
+                (_, Some(ending)) if path.exists() => (format!(", which ends in .{ending}"), of_file),
+                (_, None) if path.exists() => (", which is a file without an ending".to_owned(), of_file),
+                (Some(near), _) => (String::new(), format!("a lens (did you mean \"{near}\"?)")),
+                (None, ending) => {
+                    let what = if ending.is_some() { ", which is not there" } else { "" };
+                    let expected = format!(
+                        "thin, pinhole, panorama, fisheye-equidistant (-equisolid, -stereographic, -orthographic), a name of `lens list`, or a file: {}",
+                        import::Format::ENDINGS
+                    );
+                    (what.to_owned(), expected)
+                }
             };
-            Err(value("lens", format!("\"{name}\""), expected))
+            Err(value("lens", format!("\"{name}\"{what}"), expected))
         }
     }
 }
@@ -287,14 +292,13 @@ pub fn read_environment(path: &Path, rotation_deg: f32, scale: f32) -> Result<En
     Ok(Environment::new(map, Mat3::from_rotation_y(rotation_deg.to_radians()), scale))
 }
 
+/// All bytes of a file of which none is empty: a scene, a lens, a body, a picture.
 pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, ShotError> {
-    files::read(path).map_err(|e| {
-        let reason = match e.kind() {
-            std::io::ErrorKind::NotFound => "there is no such file".into(),
-            _ => e.to_string(),
-        };
-        ShotError::Read { path: path.display().to_string(), reason }
-    })
+    let told = |reason: String| ShotError::Read { path: path.display().to_string(), reason };
+    match files::read(path) {
+        Ok(bytes) if bytes.is_empty() => Err(told("the file is empty".to_owned())),
+        read => read.map_err(|e| told(e.to_string())),
+    }
 }
 
 #[cfg(test)]
@@ -313,6 +317,28 @@ mod tests {
             std::fs::write(&path, content).unwrap();
             let error = read_scene(&path.display().to_string(), false).err().unwrap().to_string();
             assert!(error.contains(name) && words.iter().all(|w| error.contains(w)), "{error}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_lens_is_told_apart() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name).display().to_string();
+        for name in ["a.txt", "a"] {
+            std::fs::write(path(name), "not a lens").unwrap();
+        }
+        std::fs::write(path("empty.zmx"), "").unwrap();
+        for (name, words) in [
+            (path("a.txt"), "a.txt\", which ends in .txt: expected a lens file"),
+            (path("a"), "a\", which is a file without an ending: expected a lens file"),
+            (path(""), "\", which is a folder: expected a lens file"),
+            (path("b.txt"), "b.txt\", which is not there: expected thin"),
+            (path("b.zmx"), "b.zmx: there is no such file"),
+            (path("c/b.zmx"), "b.zmx: there is no folder"),
+            (path("empty.zmx"), "empty.zmx: the file is empty"),
+        ] {
+            let error = read_lens(&name).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
         }
     }
 

@@ -10,7 +10,7 @@ use super::opcode::{self, Action, Opcode, SHORT, Values};
 use super::parts::Storage;
 use super::{FILTER_NUMBERS, photometric, tag};
 use crate::raw::{Cfa, Filter, Framing, Orientation, RawHeader};
-use crate::streams::ReadSeek;
+use crate::streams::{ReadSeek, beginning, foreign};
 use crate::{ImageError, Raster, RawImage};
 use header::header;
 use mosaic::{active_area, crop, cropped, even_black, pixels, trimmed};
@@ -110,6 +110,11 @@ pub fn read(mut from: impl Read + Seek) -> Result<RawImage, ImageError> {
 }
 
 fn read_from(from: &mut dyn ReadSeek) -> Result<RawImage, ImageError> {
+    let start = beginning(from, 16)?;
+    // Classic and large TIFF, in both orders of bytes.
+    if !matches!(start[..], [b'I', b'I', 42 | 43, 0, ..] | [b'M', b'M', 0, 42 | 43, ..]) {
+        return Err(foreign("DNG", &start, "a raw file (DNG): of a focal plane diopter read-out makes one"));
+    }
     let (from, first) = Disguised::new(from)?;
     let mut decoder = Decoder::new(from).map_err(|e| malformed(e.to_string()))?;
     let first = first.or_else(|| decoder.ifd_pointer().map(|p| p.0)).ok_or_else(|| missing("the first directory"))?;

@@ -187,6 +187,9 @@ fn more_pixels_than_the_bytes_can_become_are_refused() {
             assert!(FocalPlaneRows::open(Cursor::new(bytes)).is_err());
         }
     }
+    // More than the format has at all.
+    let e = read_rgb(Cursor::new(announcing([2_000_000_000; 2], 3, None))).unwrap_err().to_string();
+    assert!(e.contains("2000000000 × 2000000000 pixels are announced; expected 1 to 1073741823 a side"), "{e}");
     // What the bytes could become passes, and is found to be nonsense later.
     let small = read_rgb(Cursor::new(announcing([8, 8], 3, None))).unwrap_err().to_string();
     assert!(!small.contains("announced"), "{small}");

@@ -178,7 +178,8 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
         displace(displaced, name, &mut d);
     }
     if d.objects.is_empty() {
-        return Err(error(name.into(), "no surface: it has no faces", FACES));
+        let foreign = foreign_line(bytes);
+        return Err(foreign.map_or_else(|| error(name.into(), "no surface: it has no faces", FACES), told));
     }
     finished(d, name, FACES)
 }
@@ -248,6 +249,53 @@ fn bad_line(bytes: &[u8]) -> Option<(usize, String, &'static str)> {
         return Some((i + 1, line.trim().chars().take(80).collect(), expected));
     }
     None
+}
+
+/// The first line of what is no OBJ file at all: text without one of its statements, or other bytes. Source: Wavefront's OBJ specification (1995).
+fn foreign_line(bytes: &[u8]) -> Option<(usize, String, &'static str)> {
+    const STATEMENTS: [&str; 34] = [
+        "v",
+        "vt",
+        "vn",
+        "vp",
+        "cstype",
+        "deg",
+        "bmat",
+        "step",
+        "p",
+        "l",
+        "f",
+        "curv",
+        "curv2",
+        "surf",
+        "parm",
+        "trim",
+        "hole",
+        "scrv",
+        "sp",
+        "end",
+        "con",
+        "g",
+        "s",
+        "mg",
+        "o",
+        "bevel",
+        "c_interp",
+        "d_interp",
+        "lod",
+        "usemtl",
+        "mtllib",
+        "shadow_obj",
+        "trace_obj",
+        "call",
+    ];
+    let mut lines = bytes.split(|c| *c == b'\n').map(<[u8]>::trim_ascii).enumerate();
+    let (i, line) = lines.find(|(_, line)| !line.is_empty() && !line.starts_with(b"#"))?;
+    let word = line.split(u8::is_ascii_whitespace).next()?;
+    let known = STATEMENTS.iter().any(|s| s.as_bytes() == word);
+    (!known).then(|| {
+        (i + 1, line[..line.len().min(40)].escape_ascii().to_string(), "an OBJ file, of lines such as v 0 0 1 and f 1 2 3")
+    })
 }
 
 /// A .mtl file whose colours all have three numbers: of one number all three are meant, others are left out.
@@ -563,6 +611,14 @@ mod tests {
         let none = |_: &str| Err("there is no such file".to_owned());
         let e = obj(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\n", "a.obj", &none).unwrap_err().to_string();
         assert!(e.starts_with("a.obj: ") && e.contains("no surface"), "{e}");
+        for (bytes, found) in
+            [(&b"# a note\ngarbage here\n"[..], "line 2: \"garbage here\";"), (b"\xff\0\n", "line 1: \"\\xff\\x00\";")]
+        {
+            let e = obj(bytes, "a.obj", &none).unwrap_err().to_string();
+            assert!(e.starts_with(&format!("a.obj: {found}")) && e.contains("expected an OBJ file"), "{e}");
+        }
+        let e = ply(b"garbage\n".to_vec(), "a.ply").unwrap_err().to_string();
+        assert!(e.starts_with("a.ply: it begins with \"garbage\"; expected a PLY file"), "{e}");
     }
 
     #[test]

@@ -35,6 +35,15 @@ use std::sync::Arc;
 /// Linear sRGB that is shown where a texture is missing: a magenta that nobody takes for the real colour.
 pub const STAND_IN: Vec3 = Vec3::new(1.0, 0.0, 1.0);
 
+/// What is said of a file that is none of a format, by how it begins.
+fn beginning(bytes: &[u8]) -> String {
+    const SHOWN: usize = 16;
+    if bytes.is_empty() {
+        return "the file is empty".to_owned();
+    }
+    format!("it begins with \"{}\"", bytes[..bytes.len().min(SHOWN)].trim_ascii_end().escape_ascii())
+}
+
 /// Gives the bytes behind a name that a scene file refers to (relative to it), or says why not.
 pub type Fetch<'a> = &'a (dyn Fn(&str) -> Result<Vec<u8>, String> + Sync);
 

@@ -136,7 +136,13 @@ fn read_pfm(bytes: &[u8]) -> Result<Raster<f32>, String> {
     };
     let channels = if word() == "PF" { 3 } else { 1 };
     let side = |text: &str| text.parse::<usize>().ok().filter(|n| (1..=LARGEST_IMAGE as usize).contains(n));
-    let wrong = |what: &str, text: &str| format!("a PFM picture whose {what} is \"{text}\"");
+    let wrong = |what: &str, text: &str| {
+        let expected = match what {
+            "scale" => "a number other than 0".to_owned(),
+            _ => format!("1 to {LARGEST_IMAGE} pixels"),
+        };
+        format!("a PFM picture whose {what} is \"{text}\"; expected {expected}")
+    };
     let text = word();
     let width = side(text).ok_or_else(|| wrong("width", text))?;
     let text = word();
@@ -146,7 +152,7 @@ fn read_pfm(bytes: &[u8]) -> Result<Raster<f32>, String> {
     // One white space ends the header.
     let data = bytes.get(at + 1..).unwrap_or_default().as_chunks::<4>().0;
     if data.len() < width * height * channels {
-        return Err(format!("a PFM picture that ends early: {} of {} numbers", data.len(), width * height * channels));
+        return Err(format!("a PFM picture that ends early: {} numbers; expected {}", data.len(), width * height * channels));
     }
     let number = |i: usize| scale.abs() * if scale < 0.0 { f32::from_le_bytes(data[i]) } else { f32::from_be_bytes(data[i]) };
     let mut picture = Raster::new(width, height, 3);

@@ -178,8 +178,8 @@ pub(super) fn header(bytes: &[u8]) -> Result<(Layout, Vec<Element>, usize), PlyE
         let text = std::str::from_utf8(&rest[..end]).map_err(|_| wrong("bytes that are not text", "a PLY header"))?;
         Ok(Some(text.trim_end_matches('\r').trim().to_owned()))
     };
-    if line()?.as_deref() != Some("ply") {
-        return Err(wrong("something else", "a PLY file, which begins with \"ply\""));
+    if !bytes.starts_with(b"ply") || line()?.as_deref() != Some("ply") {
+        return Err(wrong(super::beginning(bytes), "a PLY file, which begins with \"ply\""));
     }
     let (mut layout, mut elements): (Option<Layout>, Vec<Element>) = (None, vec![]);
     loop {

@@ -48,6 +48,7 @@ use crate::texture::Color;
 use diopter_light::Spectrum;
 use diopter_light::color::srgb_of_light;
 use diopter_light::spectrum::blackbody_with_luminance;
+use diopter_light::units::shown;
 use glam::{Affine3A, Mat3, Mat3A, Quat, Vec3};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -172,7 +173,7 @@ impl Place<'_> {
     }
 
     fn number(&self, what: &str, v: f32, range: std::ops::RangeInclusive<f32>, expected: &str) -> Result<f32, SceneError> {
-        if range.contains(&v) { Ok(v) } else { Err(self.wrong(what, v, expected)) }
+        if range.contains(&v) { Ok(v) } else { Err(self.wrong(what, shown(v.into()), expected)) }
     }
 
     /// A black body of a luminance (cd/m²), or intensity (cd).
@@ -297,7 +298,7 @@ pub fn load(bytes: &[u8], name: &str) -> Result<Description, SceneError> {
         let what = format!("sphere {}", k + 1);
         let material = made_of(&what, &sphere.material)?;
         let center = place.vector(&format!("{what}, center"), sphere.center)?;
-        let radius = place.number(&format!("{what}, radius"), sphere.radius, 1e-9..=MOST, "a radius above 0, m")?;
+        let radius = place.number(&format!("{what}, radius"), sphere.radius, 1e-9..=MOST, "a radius from 1e-9 to 1e9 m")?;
         b.sphere(sphere.name.as_deref().unwrap_or(&sphere.material), center, radius, material);
     }
     for (k, block_of) in sheet.boxes.iter().enumerate() {

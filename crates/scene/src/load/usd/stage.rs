@@ -13,7 +13,7 @@ use super::layer::{Folder, Key, Layer, Reference, TimeShift, Value, child_path, 
 use super::package::{self, Package};
 use super::{binary, error, text};
 use crate::SceneError;
-use crate::load::Fetch;
+use crate::load::{Fetch, beginning};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -166,7 +166,8 @@ impl<'a> Stage<'a> {
             let folder = Folder { package: Some(self.packages.len() - 1), path: folder_of(&first) };
             return self.add_layer(inner, &format!("{name}[{first}]"), folder, depth + 1);
         } else {
-            return Err(error(name, "something else", "a USD file: .usda (\"#usda\"), .usdc (\"PXR-USDC\") or .usdz"));
+            let expected = "a USD file: .usda (\"#usda\"), .usdc (\"PXR-USDC\") or .usdz (\"PK\")";
+            return Err(error(name, beginning(&bytes), expected));
         };
         self.layers.push(layer);
         Ok(self.layers.len() - 1)
