@@ -1,6 +1,7 @@
 //! Over the field: distortion, field curvature, vignetting and relative illumination, chromatic aberration (lateral colour; axial colour over wavelength).
 
 use super::Bench;
+use crate::draw::{Axis, Chart, FIELD_COLORS, Figure, Line, Style};
 use crate::ray::{Apertures, TraceDirection, TracedRay};
 use glam::DVec2;
 
@@ -42,6 +43,40 @@ impl FieldPoint {
         }
         ((self.height - self.axial_height) / expected - 1.0) * 100.0
     }
+
+    /// Distortion and field curvature over the field.
+    pub fn plot(title: &str, points: &[FieldPoint]) -> Figure {
+        let cell = DVec2::new(300.0, 330.0);
+        let mut figure = Figure::sheet(title, 2, 1, cell);
+        let field = Axis { label: "field angle, degrees".into(), range: [0.0, points.last().map_or(1.0, |p| p.field_deg)] };
+        let over =
+            |value: &dyn Fn(&FieldPoint) -> f64| points.iter().map(|p| DVec2::new(value(p), p.field_deg)).collect::<Vec<_>>();
+        // Against f tan θ there is none from 90° on; a lens that is nearer to f θ (a fisheye) is held against that too.
+        let finite = |points: Vec<DVec2>| points.into_iter().filter(|p| p.x.is_finite()).collect::<Vec<_>>();
+        let (rectilinear, equidistant) = (finite(over(&|p| p.distortion_percent())), finite(over(&|p| p.equidistant_percent())));
+        let edge = |v: &[DVec2]| v.last().map_or(0.0, |p| p.x.abs());
+        let beyond = points.iter().any(|p| p.ideal_height.is_nan());
+        let fisheye = beyond || edge(&rectilinear) > edge(&equidistant).max(5.0);
+        let (shown, label) = if fisheye { (equidistant.clone(), "departure, %") } else { (rectilinear.clone(), "distortion, %") };
+        let reach = if fisheye { shown.iter().chain(&rectilinear) } else { shown.iter().chain(&shown[..0]) };
+        let x = Axis::around(label, reach.map(|p| p.x), true);
+        let lines = match fisheye {
+            false => vec![Line::new(String::new(), FIELD_COLORS[0], Style::Full, rectilinear)],
+            true => vec![
+                Line::new("from f θ".into(), FIELD_COLORS[0], Style::Full, equidistant),
+                Line::new("from f tan θ".into(), FIELD_COLORS[2], Style::Broken, rectilinear),
+            ],
+        };
+        Chart { title: "distortion".into(), x, y: field.clone(), lines }.draw(&mut figure, DVec2::new(0.0, 24.0), cell);
+        let (t, s) = (over(&|p| p.focus[0]), over(&|p| p.focus[1]));
+        let x = Axis::around("focus behind the film, mm", t.iter().chain(&s).map(|p| p.x), true);
+        let lines = vec![
+            Line::new("tangential".into(), FIELD_COLORS[2], Style::Full, t),
+            Line::new("sagittal".into(), FIELD_COLORS[0], Style::Broken, s),
+        ];
+        Chart { title: "field curvature".into(), x, y: field, lines }.draw(&mut figure, DVec2::new(cell.x, 24.0), cell);
+        figure
+    }
 }
 
 /// Light at a film height.
@@ -75,6 +110,77 @@ pub struct ColorCurves {
     pub axial: Vec<f64>,
     /// For each field (degrees): chief ray height less that of the reference wavelength, mm.
     pub lateral: Vec<(f64, Vec<f64>)>,
+}
+
+impl Illumination {
+    /// Relative illumination over the film, mechanical vignetting over the field, and the entrance pupil as fields see it.
+    pub fn plot(title: &str, light: &[Illumination], vignetting: &[(f64, f64)], pupils: &[PupilShape]) -> Figure {
+        let cell = DVec2::new(300.0, 300.0);
+        let mut figure = Figure::sheet(title, 3, 1, cell);
+        let reach = pupils.iter().flat_map(|p| p.entrance.iter().map(|p| p.abs().max_element())).fold(1e-9, f64::max) * 1.1;
+        let outlines = pupils
+            .iter()
+            .enumerate()
+            .map(|(i, p)| {
+                let closed = p.entrance.iter().chain(p.entrance.first()).copied().collect();
+                Line::new(format!("{:.1}°", p.field_deg), FIELD_COLORS[i % FIELD_COLORS.len()], Style::Full, closed)
+            })
+            .collect();
+        let axis = |label: &str| Axis { label: label.into(), range: [-reach, reach] };
+        Chart { title: "entrance pupil".into(), x: axis("sagittal, mm"), y: axis("tangential, mm"), lines: outlines }.draw(
+            &mut figure,
+            DVec2::new(2.0 * cell.x, 24.0),
+            cell,
+        );
+        let y = Axis { label: "fraction of the axis".into(), range: [0.0, 1.05] };
+        let axis = light.first().copied().unwrap_or(Illumination { height: 0.0, geometric: 1.0, with_losses: 1.0 });
+        let over =
+            |value: &dyn Fn(&Illumination) -> f64| light.iter().map(|l| DVec2::new(l.height, value(l))).collect::<Vec<_>>();
+        let lines = vec![
+            Line::new("illumination".into(), FIELD_COLORS[0], Style::Full, over(&|l| l.geometric / axis.geometric.max(1e-300))),
+            Line::new(
+                "with losses".into(),
+                FIELD_COLORS[2],
+                Style::Broken,
+                over(&|l| l.with_losses / axis.with_losses.max(1e-300)),
+            ),
+        ];
+        let x = Axis { label: "image height, mm".into(), range: [0.0, light.last().map_or(1.0, |l| l.height)] };
+        Chart { title: "relative illumination".into(), x, y: y.clone(), lines }.draw(&mut figure, DVec2::new(0.0, 24.0), cell);
+        let points = vignetting.iter().map(|(f, v)| DVec2::new(*f, *v)).collect();
+        let lines = vec![Line::new(String::new(), FIELD_COLORS[1], Style::Full, points)];
+        let x = Axis { label: "field angle, degrees".into(), range: [0.0, vignetting.last().map_or(1.0, |v| v.0)] };
+        Chart { title: "beam area across the chief ray".into(), x, y, lines }.draw(&mut figure, DVec2::new(cell.x, 24.0), cell);
+        figure
+    }
+}
+
+impl ColorCurves {
+    /// Axial and lateral colour over wavelength.
+    pub fn plot(&self, title: &str) -> Figure {
+        let cell = DVec2::new(330.0, 280.0);
+        let mut figure = Figure::sheet(title, 2, 1, cell);
+        let (first, last) =
+            (self.wavelengths.first().copied().unwrap_or(400.0), self.wavelengths.last().copied().unwrap_or(700.0));
+        let x = Axis { label: "wavelength, nm".into(), range: [first, last] };
+        let over =
+            |v: &[f64], scale: f64| self.wavelengths.iter().zip(v).map(|(w, v)| DVec2::new(*w, *v * scale)).collect::<Vec<_>>();
+        let axial = over(&self.axial, 1.0);
+        let y = Axis::around("paraxial focus, mm", axial.iter().map(|p| p.y), true);
+        let lines = vec![Line::new(String::new(), FIELD_COLORS[0], Style::Full, axial)];
+        Chart { title: "axial colour".into(), x: x.clone(), y, lines }.draw(&mut figure, DVec2::new(0.0, 24.0), cell);
+        let lines: Vec<Line> = self
+            .lateral
+            .iter()
+            .enumerate()
+            .map(|(i, (field, v))| {
+                Line::new(format!("{field:.1}°"), FIELD_COLORS[i % FIELD_COLORS.len()], Style::Full, over(v, 1e3))
+            })
+            .collect();
+        let y = Axis::around("image height, µm", lines.iter().flat_map(|l| l.points.iter().map(|p| p.y)), true);
+        Chart { title: "lateral colour".into(), x, y, lines }.draw(&mut figure, DVec2::new(cell.x, 24.0), cell);
+        figure
+    }
 }
 
 impl Bench<'_> {

@@ -1,5 +1,7 @@
 //! What a lens does, measured by tracing: spots, fans, wavefronts, point spread, MTF, distortion, colour, vignetting.
 //!
+//! An analysis is a file: its values, how a [`Bench`] measures them, and their `plot`.
+//!
 //! A [`Bench`] is a lens as it stands before an object at a distance; a [`Beam`] the light of one field point. Fields are angles
 //! of the chief ray in object space, in the y–z plane, positive upwards as the light comes from below: the image lies at +y.
 //! Chief rays are found from the middle of the stop outwards, so that fisheyes beyond 90° need no special case. Wavelengths in
@@ -19,7 +21,7 @@ pub mod zernike;
 pub use field::{ColorCurves, FieldPoint, Illumination, PupilShape};
 pub(crate) use mtf::airy_mtf_of;
 pub use mtf::{Mtf, airy_mtf, defocused_airy_mtf};
-pub use psf::{Psf, Raster};
+pub use psf::{PointImageCurves, Psf, Raster};
 pub use spot::{Fan, FanPoint, Spot};
 pub use thirdorder::{SurfaceSums, ThirdOrder};
 pub use wavefront::{Wavefront, WavefrontSample};

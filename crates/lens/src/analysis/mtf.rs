@@ -9,6 +9,7 @@
 
 use super::{Beam, Bench};
 use crate::batch::double::{Batch, Indices, LANES, Packet};
+use crate::draw::{Axis, Chart, FIELD_COLORS, Figure, Line, Style};
 use crate::dual::Number;
 use crate::ray::TraceDirection;
 use glam::{DVec2, DVec3};
@@ -70,6 +71,50 @@ pub struct Mtf {
     pub sagittal: Vec<f64>,
     /// Of the spot alone, without diffraction.
     pub geometric: bool,
+}
+
+impl Mtf {
+    /// Contrast over frequency: a colour a field, tangential full, sagittal broken.
+    pub fn plot(title: &str, curves: &[Mtf], limit: Option<&[f64]>) -> Figure {
+        let cell = DVec2::new(560.0, 340.0);
+        let mut figure = Figure::sheet(title, 1, 1, cell);
+        let mut lines = vec![];
+        if let (Some(limit), Some(first)) = (limit, curves.first()) {
+            let points = first.frequencies.iter().zip(limit).map(|(f, m)| DVec2::new(*f, *m)).collect();
+            lines.push(Line::new("diffraction limit".into(), [150, 150, 150], Style::Full, points));
+        }
+        for (i, m) in curves.iter().enumerate() {
+            let color = FIELD_COLORS[i % FIELD_COLORS.len()];
+            let points = |v: &[f64]| m.frequencies.iter().zip(v).map(|(f, m)| DVec2::new(*f, *m)).collect::<Vec<_>>();
+            let kind = if m.geometric { ", geometric" } else { "" };
+            lines.push(Line::new(format!("{:.1}° tangential{kind}", m.field_deg), color, Style::Full, points(&m.tangential)));
+            lines.push(Line::new(format!("{:.1}° sagittal{kind}", m.field_deg), color, Style::Broken, points(&m.sagittal)));
+        }
+        let highest = curves.first().and_then(|m| m.frequencies.last()).copied().unwrap_or(1.0);
+        let x = Axis { label: "spatial frequency, cycles/mm".into(), range: [0.0, highest] };
+        let y = Axis { label: "contrast".into(), range: [0.0, 1.0] };
+        Chart { title: String::new(), x, y, lines }.draw(&mut figure, DVec2::new(0.0, 24.0), cell);
+        figure
+    }
+
+    /// Contrast at some frequencies over a field angle or a defocus: a colour a frequency, tangential full, sagittal broken.
+    pub fn plot_over(title: &str, label: &str, frequencies: &[f64], curves: &[(f64, Mtf)]) -> Figure {
+        let cell = DVec2::new(560.0, 340.0);
+        let mut figure = Figure::sheet(title, 1, 1, cell);
+        let mut lines = vec![];
+        for (i, f) in frequencies.iter().enumerate() {
+            let color = FIELD_COLORS[i % FIELD_COLORS.len()];
+            let points = |v: &dyn Fn(&Mtf) -> f64| curves.iter().map(|(x, m)| DVec2::new(*x, v(m))).collect::<Vec<_>>();
+            lines.push(Line::new(format!("{f:.0}/mm tangential"), color, Style::Full, points(&|m| m.tangential[i])));
+            lines.push(Line::new(format!("{f:.0}/mm sagittal"), color, Style::Broken, points(&|m| m.sagittal[i])));
+        }
+        let ends = [curves.first().map_or(0.0, |c| c.0), curves.last().map_or(1.0, |c| c.0)];
+        let range = if ends[1] > ends[0] { ends } else { [ends[0] - 1.0, ends[0] + 1.0] };
+        let x = Axis { label: label.into(), range };
+        let y = Axis { label: "contrast".into(), range: [0.0, 1.0] };
+        Chart { title: String::new(), x, y, lines }.draw(&mut figure, DVec2::new(0.0, 24.0), cell);
+        figure
+    }
 }
 
 /// MTF of a perfect lens with a round pupil: 2/π (acos x − x √(1 − x²)), x = frequency over cut-off 1/(λN).

@@ -7,6 +7,10 @@
 //! (`mtf.rs`). The amplitude is even in (l, m): that of a lens that keeps the sine condition; a cell on the edge of the pupil has the
 //! amplitude of the part of it that passes. Steps of whole cells would scatter some tenths of a per cent of the light.
 
+mod curves;
+
+pub use curves::PointImageCurves;
+
 use super::fft::{self, Complex};
 use super::mtf::{LARGEST_STEP, Pupil, Sampling};
 use super::{Beam, Bench};

@@ -1,6 +1,7 @@
 //! Spot diagrams and ray fans.
 
 use super::{Beam, Bench};
+use crate::draw::{Axis, Chart, Figure, Line, Style, wavelength_color};
 use crate::ray::{Apertures, TraceDirection, TracedRay};
 use glam::DVec2;
 
@@ -55,6 +56,59 @@ impl Spot {
         let rms = (points.iter().map(|p| p.distance_squared(centroid)).sum::<f64>() / count).sqrt();
         let geometric = points.iter().map(|p| p.distance(centroid)).fold(0.0, f64::max);
         Spot { field_deg, nm, points, centroid, rms, geometric, passed }
+    }
+
+    /// Spot diagrams: a square a field, colours together, in µm around the centroid of the first colour.
+    pub fn plot(title: &str, fields: &[Vec<Spot>]) -> Figure {
+        spot_squares(title, &[fields.iter().map(|spots| (String::new(), spots.clone())).collect()])
+    }
+
+    /// Spot diagrams through focus: a row a field, its spots with the defocus (mm) of each square.
+    pub fn plot_through_focus(title: &str, fields: &[Vec<(f64, Vec<Spot>)>]) -> Figure {
+        let label = |(defocus, spots): &(f64, Vec<Spot>)| (format!("{defocus:+.3} mm: "), spots.clone());
+        let rows: Vec<Vec<_>> = fields.iter().map(|row| row.iter().map(label).collect()).collect();
+        spot_squares(title, &rows)
+    }
+}
+
+impl Fan {
+    /// Ray fans: tangential and sagittal transverse errors in µm, and the wavefront, a row a field.
+    pub fn plot(title: &str, fields: &[Vec<Fan>]) -> Figure {
+        let cell = DVec2::new(270.0, 190.0);
+        let mut figure = Figure::sheet(title, 3, fields.len().max(1), cell);
+        let all = || fields.iter().flatten();
+        let errors =
+            all().flat_map(|f| f.tangential.iter().map(|p| p.error.y * 1e3).chain(f.sagittal.iter().map(|p| p.error.x * 1e3)));
+        let waves = all().flat_map(|f| f.tangential.iter().chain(&f.sagittal).map(|p| p.opd));
+        let error_axis = Axis::around("transverse error, µm", errors, true);
+        let wave_axis = Axis::around("path difference, waves", waves, true);
+        for (row, fans) in fields.iter().enumerate() {
+            let pupil = Axis { label: "relative pupil".into(), range: [-1.1, 1.1] };
+            let kinds: [(&str, &Axis); 3] =
+                [("tangential", &error_axis), ("sagittal", &error_axis), ("wavefront (full: tangential)", &wave_axis)];
+            for (column, (kind, y)) in kinds.into_iter().enumerate() {
+                let mut lines = vec![];
+                for f in fans {
+                    let color = wavelength_color(f.nm);
+                    let name = if row == 0 && column == 0 { format!("{:.0} nm", f.nm) } else { String::new() };
+                    let points = |p: &[FanPoint], value: &dyn Fn(&FanPoint) -> f64| {
+                        p.iter().map(|p| DVec2::new(p.pupil, value(p))).collect::<Vec<_>>()
+                    };
+                    match column {
+                        0 => lines.push(Line::new(name, color, Style::Full, points(&f.tangential, &|p| p.error.y * 1e3))),
+                        1 => lines.push(Line::new(name, color, Style::Full, points(&f.sagittal, &|p| p.error.x * 1e3))),
+                        _ => {
+                            lines.push(Line::new(name, color, Style::Full, points(&f.tangential, &|p| p.opd)));
+                            lines.push(Line::new(String::new(), color, Style::Broken, points(&f.sagittal, &|p| p.opd)));
+                        }
+                    }
+                }
+                let field = fans.first().map_or(0.0, |f| f.field_deg);
+                let chart = Chart { title: format!("{field:.1}° {kind}"), x: pupil.clone(), y: y.clone(), lines };
+                chart.draw(&mut figure, DVec2::new(cell.x * column as f64, 24.0 + cell.y * row as f64), cell);
+            }
+        }
+        figure
     }
 }
 
@@ -168,4 +222,28 @@ impl Bench<'_> {
         let cell = (high - low) / across as f64;
         self.grid(beam, nm, across).len() as f64 * cell.x * cell.y
     }
+}
+
+/// Squares with a label each, all in one scale.
+fn spot_squares(title: &str, rows: &[Vec<(String, Vec<Spot>)>]) -> Figure {
+    let cell = DVec2::new(230.0, 240.0);
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0).max(1);
+    let mut figure = Figure::sheet(title, columns, rows.len().max(1), cell);
+    let all = rows.iter().flatten().flat_map(|(_, spots)| spots.iter());
+    let reach = all.flat_map(|s| s.points.iter().map(|p| p.distance(s.centroid))).fold(1e-4, f64::max) * 1.1e3;
+    let squares = rows.iter().enumerate().flat_map(|(j, row)| row.iter().enumerate().map(move |(i, square)| (i, j, square)));
+    for (i, j, (label, spots)) in squares {
+        let Some(first) = spots.first() else { continue };
+        let at = |p: &DVec2| (*p - first.centroid) * 1e3;
+        let lines = spots
+            .iter()
+            .map(|s| Line::new(format!("{:.0} nm", s.nm), wavelength_color(s.nm), Style::Dots, s.points.iter().map(at).collect()))
+            .collect();
+        let axis = |label: &str| Axis { label: label.into(), range: [-reach, reach] };
+        let rms = spots.iter().map(|s| s.rms).fold(0.0, f64::max) * 1e3;
+        let title = format!("{label}{:.1}°, {:.2} mm, RMS {rms:.1} µm", first.field_deg, first.centroid.y);
+        let chart = Chart { title, x: axis("x, µm"), y: axis("y, µm"), lines };
+        chart.draw(&mut figure, DVec2::new(cell.x * i as f64, 24.0 + cell.y * j as f64), cell);
+    }
+    figure
 }

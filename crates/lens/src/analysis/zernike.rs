@@ -5,6 +5,7 @@
 //! Creath, "Basic Wavefront Aberration Theory", Applied Optics and Optical Engineering XI, 1992) with its normalisation: every term is 1
 //! at the edge. Angles count from +x towards +y.
 
+use crate::draw::{Axis, Chart, FIELD_COLORS, Figure, Line, Style};
 use glam::DVec2;
 
 /// Order and normalisation of the terms.
@@ -37,6 +38,23 @@ pub struct Fit {
     pub coefficients: Vec<f64>,
     /// Root mean square of what the terms leave.
     pub residual_rms: f64,
+}
+
+impl Fit {
+    /// Zernike coefficients (waves) over their number: a colour a wavefront.
+    pub fn plot(title: &str, wavefronts: &[(String, &Fit)]) -> Figure {
+        let cell = DVec2::new(560.0, 340.0);
+        let mut figure = Figure::sheet(title, 1, 1, cell);
+        let points = |c: &[f64]| c.iter().enumerate().map(|(k, c)| DVec2::new((k + 1) as f64, *c)).collect::<Vec<_>>();
+        let curve = |(i, (name, fit)): (usize, &(String, &Fit))| {
+            Line::new(name.clone(), FIELD_COLORS[i % FIELD_COLORS.len()], Style::Full, points(&fit.coefficients))
+        };
+        let lines: Vec<Line> = wavefronts.iter().enumerate().map(curve).collect();
+        let x = Axis::around("number of the term", lines.iter().flat_map(|l| l.points.iter().map(|p| p.x)), true);
+        let y = Axis::around("coefficient, waves", lines.iter().flat_map(|l| l.points.iter().map(|p| p.y)), true);
+        Chart { title: String::new(), x, y, lines }.draw(&mut figure, DVec2::new(0.0, 24.0), cell);
+        figure
+    }
 }
 
 impl Numbering {

@@ -49,6 +49,12 @@ pub struct Chart {
     pub lines: Vec<Line>,
 }
 
+impl Line {
+    pub(crate) fn new(name: String, color: Color, style: Style, points: Vec<DVec2>) -> Self {
+        Line { name, color, style, points }
+    }
+}
+
 impl Axis {
     /// With ends that hold all values, zero included if `zero`, rounded outwards.
     pub fn around(label: impl Into<String>, values: impl IntoIterator<Item = f64>, zero: bool) -> Self {

@@ -10,6 +10,21 @@ pub type Color = [u8; 3];
 pub const INK: Color = [30, 30, 30];
 /// Light grey, for grids.
 pub const GRID: Color = [215, 215, 215];
+/// Colours of fields, from the axis outwards.
+pub(crate) const FIELD_COLORS: [Color; 6] =
+    [[31, 90, 170], [40, 140, 70], [200, 60, 40], [150, 80, 170], [200, 140, 20], [20, 150, 160]];
+
+/// A colour that stands for a wavelength (nm): hue only, dark enough for paper.
+pub fn wavelength_color(nm: f64) -> Color {
+    match nm {
+        ..430.0 => [110, 50, 160],
+        ..500.0 => [40, 80, 200],
+        ..530.0 => [0, 140, 120],
+        ..590.0 => [40, 150, 40],
+        ..620.0 => [210, 140, 0],
+        _ => [200, 40, 40],
+    }
+}
 
 /// Which part of a text stands at its place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,6 +94,13 @@ impl Figure {
     /// An empty sheet; its size in points.
     pub fn new(width: f64, height: f64) -> Self {
         Figure { width, height, items: vec![] }
+    }
+
+    /// A sheet for a grid of charts of one size (points) below a title, which takes the uppermost 24 points.
+    pub(crate) fn sheet(title: &str, columns: usize, rows: usize, cell: DVec2) -> Self {
+        let mut figure = Figure::new(cell.x * columns as f64, cell.y * rows as f64 + 24.0);
+        figure.text(DVec2::new(figure.width / 2.0, 16.0), title, 11.0, Anchor::Middle);
+        figure
     }
 
     /// A line; points that are not numbers break it. `width` and `dash` (0: unbroken) in points.

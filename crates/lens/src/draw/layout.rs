@@ -1,16 +1,12 @@
 //! The lens in section, with bundles of rays from several fields.
 
-use super::figure::{Anchor, Color, Figure, INK, Item};
+use super::figure::{Anchor, FIELD_COLORS, Figure, INK, Item};
 use crate::analysis::Bench;
 use crate::glass::Glass;
 use crate::ray::{Apertures, TraceDirection};
 use crate::system::System;
 use crate::trace::at_plane;
 use glam::{DVec2, DVec3};
-
-/// Colours of fields, from the axis outwards.
-pub(super) const FIELD_COLORS: [Color; 6] =
-    [[31, 90, 170], [40, 140, 70], [200, 60, 40], [150, 80, 170], [200, 140, 20], [20, 150, 160]];
 
 /// Height of the drawing itself, at most, points.
 const MOST_HEIGHT: f64 = 1200.0;

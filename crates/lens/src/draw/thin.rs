@@ -2,8 +2,7 @@
 //!
 //! A ray of slope u at the height h leaves with u − h / f (Gauss). Hecht, Optics, 5th ed., §5.2.
 
-use super::figure::{Anchor, Figure, INK};
-use super::layout::FIELD_COLORS;
+use super::figure::{Anchor, FIELD_COLORS, Figure, INK};
 use crate::ThinLens;
 use glam::DVec2;
 

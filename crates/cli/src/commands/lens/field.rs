@@ -2,8 +2,7 @@
 
 use super::{Table, finish, is_list, no_light, over_fields};
 use crate::args::Bench as Asked;
-use diopter::lens::analysis::Illumination;
-use diopter::lens::draw;
+use diopter::lens::analysis::{FieldPoint, Illumination};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 
@@ -49,7 +48,7 @@ pub(super) fn distortion(asked: &Asked, json: bool) -> anyhow::Result<()> {
         .map(|p| json!({ "field_deg": p.field_deg, "height_mm": p.height, "axial_height_mm": p.axial_height, "ideal_height_mm": p.ideal_height, "distortion_percent": p.distortion_percent(),
             "equidistant_height_mm": p.equidistant_height, "equidistant_percent": p.equidistant_percent(), "focus_mm": p.focus }))
         .collect();
-    finish(asked, || draw::distortion_plot(&table.title(""), &points), &t, &json!(values), json)
+    finish(asked, || FieldPoint::plot(&table.title(""), &points), &t, &json!(values), json)
 }
 
 pub(super) fn vignetting(asked: &Asked, json: bool) -> anyhow::Result<()> {
@@ -104,7 +103,7 @@ pub(super) fn vignetting(asked: &Asked, json: bool) -> anyhow::Result<()> {
         "illumination": light.iter().map(|l| json!({ "height_mm": l.height, "geometric_sr": l.geometric, "with_losses_sr": l.with_losses })).collect::<Vec<_>>(),
         "beam_area": beams.iter().map(|(f, v)| json!({ "field_deg": f, "relative": v })).collect::<Vec<_>>(),
     });
-    finish(asked, || draw::vignetting_plot(&table.title(""), &light, &beams, &pupils), &t, &value, json)
+    finish(asked, || Illumination::plot(&table.title(""), &light, &beams, &pupils), &t, &value, json)
 }
 
 pub(super) fn color(asked: &Asked, json: bool) -> anyhow::Result<()> {
@@ -124,5 +123,5 @@ pub(super) fn color(asked: &Asked, json: bool) -> anyhow::Result<()> {
     let lateral: Vec<Value> = curves.lateral.iter().map(|(f, v)| json!({ "field_deg": f, "height_mm": v })).collect();
     let value =
         json!({ "wavelength_nm": wavelengths, "reference_nm": table.reference, "axial_mm": curves.axial, "lateral": lateral });
-    finish(asked, || draw::color_plot(&table.title(""), &curves), &t, &value, json)
+    finish(asked, || curves.plot(&table.title("")), &t, &value, json)
 }

@@ -5,7 +5,6 @@ use crate::UsageError;
 use crate::args::{Bench as Asked, MtfOver};
 use anyhow::anyhow;
 use diopter::lens::analysis::{Mtf, airy_mtf};
-use diopter::lens::draw;
 use serde_json::json;
 use std::fmt::Write as _;
 
@@ -46,7 +45,7 @@ pub(super) fn mtf(asked: &Asked, over: MtfOver, frequencies: Option<&[f64]>, geo
                 }
             }
             let limit: Vec<f64> = steps.iter().map(|f| airy_mtf(*f, table.reference, table.f_number())).collect();
-            draw::mtf_plot(&title(&curves), &curves, Some(&limit))
+            Mtf::plot(&title(&curves), &curves, Some(&limit))
         }
         MtfOver::Field | MtfOver::Focus => {
             let wanted = frequencies.unwrap_or(&[10.0, 30.0]).to_vec();
@@ -71,7 +70,7 @@ pub(super) fn mtf(asked: &Asked, over: MtfOver, frequencies: Option<&[f64]>, geo
                     (0..wanted.len()).map(|i| format!("{:>9.4} {:>9.4}", m.tangential[i], m.sagittal[i])).collect();
                 writeln!(t, "  {x:>20.4} {cells}{}", if m.geometric { "  geometric" } else { "" })?;
             }
-            draw::mtf_over_plot(&title(&curves), label, &wanted, &each)
+            Mtf::plot_over(&title(&curves), label, &wanted, &each)
         }
     };
     for m in &curves {

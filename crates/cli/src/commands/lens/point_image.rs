@@ -8,8 +8,8 @@ use crate::{UsageError, paint};
 use anyhow::anyhow;
 use diopter::image::{ExposureFacts, exr};
 use diopter::lens::analysis::zernike::{Fit, Numbering};
-use diopter::lens::analysis::{Psf, Wavefront};
-use diopter::lens::draw::{self, Figure, PointImageCurves};
+use diopter::lens::analysis::{PointImageCurves, Psf, Wavefront};
+use diopter::lens::draw::Figure;
 use glam::DVec2;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -175,7 +175,7 @@ pub(super) fn psf(asked: &Asked, wanted: &Psfs, json: bool) -> anyhow::Result<()
     }
     let planes: Vec<Plane> =
         images.iter().map(|i| (channel("psf", i.psf.field_deg, i.psf.nm, i.psf.defocus), i.raster.clone())).collect();
-    files.write(side, &planes, || draw::psf_plot(&table.title(""), &images.iter().map(plotted).collect::<Vec<_>>()))?;
+    files.write(side, &planes, || PointImageCurves::plot(&table.title(""), &images.iter().map(plotted).collect::<Vec<_>>()))?;
     finished(&t, &json!(values), json)
 }
 
@@ -290,9 +290,8 @@ pub(super) fn wavefront(asked: &Asked, order: ZernikeOrder, terms: usize, rays: 
     let planes: Vec<Plane> = found.iter().map(|(w, _)| (channel("opd", w.field_deg, w.nm, 0.0), w.map())).collect();
     let plot = || {
         let label = |w: &Wavefront| format!("{:.1}° {:.0} nm", w.field_deg, w.nm);
-        let curves: Vec<(String, Vec<f64>)> =
-            found.iter().filter_map(|(w, fit)| Some((label(w), fit.as_ref()?.coefficients.clone()))).collect();
-        draw::zernike_plot(&table.title(&format!("Zernike coefficients, {name}")), &curves)
+        let curves: Vec<(String, &Fit)> = found.iter().filter_map(|(w, fit)| Some((label(w), fit.as_ref()?))).collect();
+        Fit::plot(&table.title(&format!("Zernike coefficients, {name}")), &curves)
     };
     files.write(rays, &planes, plot)?;
     finished(&t, &json!(values), json)

@@ -5,7 +5,7 @@ use super::{Table, finish, no_light, planes};
 use crate::UsageError;
 use crate::args::{Bench as Asked, List};
 use anyhow::anyhow;
-use diopter::lens::draw;
+use diopter::lens::analysis::{Fan, Spot};
 use diopter::lens::ray::{Apertures, TraceDirection};
 use diopter::lens::trace::at_plane;
 use serde_json::{Value, json};
@@ -120,10 +120,10 @@ pub(super) fn spot(asked: &Asked, rays: usize, defocus: Option<&List>, json: boo
         return Err(no_light(table.fields[0]));
     }
     let plot = || match defocus {
-        Some(_) => draw::through_focus_plot(&table.title("spots through focus"), &fields),
+        Some(_) => Spot::plot_through_focus(&table.title("spots through focus"), &fields),
         None => {
             let spots: Vec<Vec<_>> = fields.iter().flatten().map(|(_, spots)| spots.clone()).collect();
-            draw::spot_plot(&table.title("spot diagrams"), &spots)
+            Spot::plot(&table.title("spot diagrams"), &spots)
         }
     };
     finish(asked, plot, &t, &json!(values), json)
@@ -169,5 +169,5 @@ pub(super) fn fan(asked: &Asked, json: bool) -> anyhow::Result<()> {
     if values.is_empty() {
         return Err(no_light(table.fields[0]));
     }
-    finish(asked, || draw::fan_plot(&table.title("ray fans"), &fields), &t, &json!(values), json)
+    finish(asked, || Fan::plot(&table.title("ray fans"), &fields), &t, &json!(values), json)
 }

@@ -11,7 +11,7 @@ use crate::own_program::OwnProgram;
 use crate::paint;
 use crate::watch::say;
 use anyhow::{Context, anyhow};
-use diopter::lens::analysis::{Mtf, ThirdOrder, airy_mtf};
+use diopter::lens::analysis::{Fan, FieldPoint, Illumination, Mtf, Spot, ThirdOrder, airy_mtf};
 use diopter::lens::draw::{self, Figure};
 use diopter::lens::glass::{Glass, GlassKind};
 use diopter::lens::paraxial::FirstOrder;
@@ -83,30 +83,30 @@ fn page(table: &Table) -> Document {
         table.wavelengths.iter().filter_map(|nm| bench.spot(field, *nm, table.reference, SPOT_RAYS, 0.0)).collect()
     };
     let spots: Vec<_> = table.fields.iter().map(|f| at_each(*f)).filter(|s| !s.is_empty()).collect();
-    section(&mut out, "Spots", [draw::spot_plot("", &spots)]);
+    section(&mut out, "Spots", [Spot::plot("", &spots)]);
     let fans: Vec<Vec<_>> = table
         .fields
         .iter()
         .map(|f| table.wavelengths.iter().filter_map(|nm| bench.fan(*f, *nm, table.reference, 32)).collect())
         .collect();
-    section(&mut out, "Ray fans", [draw::fan_plot("", &fans)]);
+    section(&mut out, "Ray fans", [Fan::plot("", &fans)]);
     let most = table.largest_field();
     if most > 0.0 {
         let over = |steps: usize| (0..=steps).map(move |i| most * i as f64 / steps as f64);
         let points: Vec<_> = over(20).filter_map(|f| bench.field_point(f, table.reference)).collect();
         let height = points.last().map_or(0.0, |p| p.height.abs());
-        section(&mut out, "Distortion and field curvature", [draw::distortion_plot("", &points)]);
+        section(&mut out, "Distortion and field curvature", [FieldPoint::plot("", &points)]);
         let light: Vec<_> = (0..=20).map(|i| bench.illumination(height * i as f64 / 20.0, table.reference)).collect();
         let beams: Vec<(f64, f64)> = over(FIELD_STEPS).filter_map(|f| Some((f, bench.vignetting(f, table.reference)?))).collect();
         let pupils: Vec<_> = table.fields.iter().filter_map(|f| bench.pupil_shape(*f, table.reference)).collect();
-        section(&mut out, "Relative illumination", [draw::vignetting_plot("", &light, &beams, &pupils)]);
+        section(&mut out, "Relative illumination", [Illumination::plot("", &light, &beams, &pupils)]);
     }
     let glasses: Vec<(String, Glass)> =
         p.surfaces.iter().enumerate().map(|(i, s)| ((i + 1).to_string(), s.glass.clone())).collect();
     if glasses.iter().any(|(_, g)| !matches!(g.kind, GlassKind::Air | GlassKind::Constant(_))) {
         let wavelengths: Vec<f64> = (0..=30).map(|i| 400.0 + 10.0 * i as f64).collect();
         let curves = bench.color(&wavelengths, table.reference, &table.fields);
-        section(&mut out, "Colour", [draw::color_plot("", &curves)]);
+        section(&mut out, "Colour", [curves.plot("")]);
         section(&mut out, "Glasses, by the surface before them", [draw::glass_map("", &glasses)]);
     }
     out
@@ -279,13 +279,13 @@ fn contrast(table: &Table) -> Vec<Figure> {
     let steps: Vec<f64> = (0..=50).map(|i| HIGHEST * i as f64 / 50.0).collect();
     let curves: Vec<Mtf> = table.fields.iter().filter_map(|f| bench.diffraction_mtf(*f, &colors, &steps, 0.0)).collect();
     let limit: Vec<f64> = steps.iter().map(|f| airy_mtf(*f, table.reference, table.f_number())).collect();
-    let mut out = vec![draw::mtf_plot("by frequency", &curves, Some(&limit))];
+    let mut out = vec![Mtf::plot("by frequency", &curves, Some(&limit))];
     let most = table.largest_field();
     if most > 0.0 {
         let over = (0..=FIELD_STEPS).map(|i| most * i as f64 / FIELD_STEPS as f64);
         let each: Vec<(f64, Mtf)> =
             over.filter_map(|f| Some((f, bench.diffraction_mtf(f, &colors, &FREQUENCIES, 0.0)?))).collect();
-        out.push(draw::mtf_over_plot("by field", "field angle, degrees", &FREQUENCIES, &each));
+        out.push(Mtf::plot_over("by field", "field angle, degrees", &FREQUENCIES, &each));
     }
     // As far as the geometric blur at f/N covers a period of the lowest frequency.
     let depth = 0.5 * table.set.f_number / FREQUENCIES[0];
@@ -295,7 +295,7 @@ fn contrast(table: &Table) -> Vec<Figure> {
         let each: Vec<(f64, Mtf)> =
             planes.filter_map(|d| Some((d, bench.diffraction_mtf(*field, &colors, &FREQUENCIES, d)?))).collect();
         let title = format!("through focus, {field:.1}°");
-        out.push(draw::mtf_over_plot(&title, "defocus, mm", &FREQUENCIES, &each));
+        out.push(Mtf::plot_over(&title, "defocus, mm", &FREQUENCIES, &each));
     }
     out
 }
