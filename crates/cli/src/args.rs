@@ -1,17 +1,16 @@
 //! What can be typed: the one source of help, manual pages and completions. [`crate::help`] puts the flags of a photograph under headings.
+//! The verbs of `lens` are beside what they do, in `commands/lens/`.
 
 mod calc;
 mod develop;
-mod lens;
 mod measure;
 mod photograph;
-mod values;
+pub mod values;
 
 pub use calc::{
     CalcVerb, DaylightArgs, DepthOfField, Equivalent, Field, FormatArgs, PinholeArgs, ShutterArgs, StopArgs, ThinLensArgs,
 };
 pub use develop::{Develop, Developing, LutVerb, Merge, ReadOut, Stack};
-pub use lens::{Bench, Build, Calibrate, FitLens, LensReport, LensVerb, MtfOver, Optimise, Tolerance, ZernikeOrder};
 pub use measure::{
     BodyVerb, Emva, LsfWindow, MeasureGlare, MeasureMtf, MeasureOecf, MeasureReport, MeasureRolling, MeasureThroughLens,
     MeasureVerb, MeasuredChannel, PictureEncoding,
@@ -19,6 +18,7 @@ pub use measure::{
 pub use photograph::{Checkpoint, Expose, Raw, Shoot, Taking, TruthLayout, Viewfinder};
 pub use values::{List, joined_focus};
 
+use crate::commands::lens::LensVerb;
 use crate::memory::Bytes;
 use clap::{Parser, Subcommand};
 use diopter::denoising::Denoise;

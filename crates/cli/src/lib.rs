@@ -162,7 +162,7 @@ fn run_verb(args: Args) -> anyhow::Result<()> {
         Verb::Lesson(lesson) => commands::lesson::run(&lesson, args.threads, json),
         Verb::Sheet(sheet) => commands::sheet::run(&sheet, json),
         Verb::Scene { verb } => commands::scene::run(&verb, json),
-        Verb::Lens { verb } => commands::lens::run(&verb, args.threads, json),
+        Verb::Lens { verb } => verb.run(&commands::lens::GlobalFlags { threads: args.threads, json }),
         Verb::Body { verb } => commands::body::run(&verb, json),
         Verb::Viewfinder(viewfinder) => commands::viewfinder::run(&viewfinder, json),
         Verb::Completions { shell } => commands::manual::completions(shell),

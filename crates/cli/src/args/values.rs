@@ -10,7 +10,7 @@ use std::num::NonZeroUsize;
 pub struct List(pub Vec<f64>);
 
 /// "a,b,c".
-pub(super) fn list(text: &str) -> Result<List, String> {
+pub fn list(text: &str) -> Result<List, String> {
     flag_values::list(text).map(List)
 }
 

@@ -2,14 +2,12 @@
 
 pub mod body;
 pub mod calc;
-pub mod calibrate;
 pub mod dataset;
 pub mod denoise;
 pub mod develop;
 pub mod events;
 pub mod expose;
 mod exposure_summary;
-pub mod fit;
 pub mod lens;
 pub mod lesson;
 mod light;
@@ -17,7 +15,6 @@ pub mod lut;
 pub mod manual;
 pub mod measure;
 pub mod merge;
-pub mod optimise;
 pub mod quick_look;
 pub mod read_out;
 pub mod rig;
@@ -25,7 +22,6 @@ pub mod scene;
 pub mod sheet;
 pub mod shoot;
 pub mod stack;
-pub mod tolerance;
 pub mod viewfinder;
 pub mod why;
 

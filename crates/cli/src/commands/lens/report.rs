@@ -1,10 +1,9 @@
 //! `lens report`: one page about a lens, for paper.
 
-use super::super::{print_json, tolerance};
-use super::drawing::layout;
-use super::{Table, fields_to};
+use super::bench::{Bench, Table, fields_to};
+use super::draw::layout;
+use super::{GlobalFlags, print_json, tolerance};
 use crate::UsageError;
-use crate::args::LensReport as Asked;
 use crate::document::{self, Block, Document};
 use crate::output::distinct;
 use crate::own_program::OwnProgram;
@@ -18,7 +17,7 @@ use diopter::lens::paraxial::FirstOrder;
 use diopter::lens::surface::Profile;
 use serde_json::json;
 use std::num::NonZeroUsize;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Spatial frequencies of the contrast over field and focus, 1/mm.
 const FREQUENCIES: [f64; 3] = [10.0, 20.0, 40.0];
@@ -32,35 +31,54 @@ const FIELD_STEPS: usize = 14;
 /// Pixels and samples a pixel of the photograph.
 const PICTURE: (&str, u32) = ("720x480", 64);
 
-pub(super) fn run(asked: &Asked, threads: Option<NonZeroUsize>, json: bool) -> anyhow::Result<()> {
-    let bench = &asked.bench;
-    let paths: Vec<&Path> = bench.output.iter().map(|p| p.as_path()).collect();
-    if paths.is_empty() || paths.iter().any(|p| document::kind(p).is_none()) {
-        return Err(UsageError(anyhow!("lens report: expected -o FILE.html or -o FILE.pdf")).into());
+/// One page about the lens, for paper: drawing, first and third order, contrast, spots, fans, distortion, illumination, glasses, and, asked for,
+/// what tolerances do to it and a photograph; -o FILE.html or FILE.pdf.
+#[derive(clap::Args, Debug)]
+pub struct Report {
+    #[command(flatten)]
+    bench: Bench,
+    /// Tolerance sheet (.toml): the page says what builds of the lens are like.
+    #[arg(long, value_name = "SHEET")]
+    tolerances: Option<PathBuf>,
+    /// Builds for that.
+    #[arg(short = 'n', long, value_name = "N", default_value_t = 200, requires = "tolerances")]
+    builds: usize,
+    /// A photograph through the lens on the page: a name from `scene list`, such as the chart slanted-edges, or a file.
+    #[arg(long, value_name = "SCENE")]
+    photograph: Option<String>,
+}
+
+impl Report {
+    pub(super) fn run(&self, global: &GlobalFlags) -> anyhow::Result<()> {
+        let bench = &self.bench;
+        let paths: Vec<&Path> = bench.output.iter().map(|p| p.as_path()).collect();
+        if paths.is_empty() || paths.iter().any(|p| document::kind(p).is_none()) {
+            return Err(UsageError(anyhow!("lens report: expected -o FILE.html or -o FILE.pdf")).into());
+        }
+        let read = [Path::new(&bench.lens)].into_iter().chain(self.tolerances.as_deref());
+        distinct(read, paths.iter().copied())?;
+        let outputs = paths.iter().map(|path| document::prepare(path)).collect::<Result<Vec<_>, _>>()?;
+        let table = Table::new(bench)?;
+        let mut page = page(&table);
+        if let Some(sheet) = &self.tolerances {
+            let (title, rows, lines) = tolerance::summary(sheet, &bench.lens, self.builds)?;
+            page.heading("Tolerances");
+            page.paragraph(&format!("{title}, by {}", sheet.display()));
+            page.blocks.push(Block::Rows { rows, head: true });
+            lines.iter().for_each(|line| page.paragraph(line));
+        }
+        if let Some(scene) = &self.photograph {
+            photograph(&table, self, scene, global.threads, &mut page)?;
+        }
+        notes(&table, &mut page);
+        for output in outputs {
+            say(&format!("wrote {}", page.write(output)?.display()));
+        }
+        if global.json {
+            print_json(&json!({ "files": paths, "fields_deg": table.fields, "wavelengths_nm": table.wavelengths }))?;
+        }
+        Ok(())
     }
-    let read = [Path::new(&bench.lens)].into_iter().chain(asked.tolerances.as_deref());
-    distinct(read, paths.iter().copied())?;
-    let outputs = paths.iter().map(|path| document::prepare(path)).collect::<Result<Vec<_>, _>>()?;
-    let table = Table::new(bench)?;
-    let mut page = page(&table);
-    if let Some(sheet) = &asked.tolerances {
-        let (title, rows, lines) = tolerance::summary(sheet, &bench.lens, asked.builds)?;
-        page.heading("Tolerances");
-        page.paragraph(&format!("{title}, by {}", sheet.display()));
-        page.blocks.push(Block::Rows { rows, head: true });
-        lines.iter().for_each(|line| page.paragraph(line));
-    }
-    if let Some(scene) = &asked.photograph {
-        photograph(&table, asked, scene, threads, &mut page)?;
-    }
-    notes(&table, &mut page);
-    for output in outputs {
-        say(&format!("wrote {}", page.write(output)?.display()));
-    }
-    if json {
-        print_json(&json!({ "files": paths, "fields_deg": table.fields, "wavelengths_nm": table.wavelengths }))?;
-    }
-    Ok(())
 }
 
 /// The page. What a lens does not have (no light at a field, no dispersion) is left out of it.
@@ -123,7 +141,7 @@ fn notes(table: &Table, out: &mut Document) {
 /// A photograph through the lens, by this program itself; the command that makes it stands below.
 fn photograph(
     table: &Table,
-    asked: &Asked,
+    asked: &Report,
     scene: &str,
     threads: Option<NonZeroUsize>,
     out: &mut Document,

@@ -1,9 +1,8 @@
 //! `lens fit`: a prescription's free numbers by what was measured of a lens.
 
-use super::print_json;
 use super::tolerance::{lens_of, read_sheet};
+use super::{GlobalFlags, print_json};
 use crate::UsageError;
-use crate::args::FitLens;
 use crate::output::{Output, distinct};
 use crate::watch::{say, warn};
 use anyhow::anyhow;
@@ -19,47 +18,66 @@ use std::path::{Path, PathBuf};
 /// Most steps.
 const MOST: usize = 10_000;
 
-pub fn run(asked: &FitLens, json: bool) -> anyhow::Result<()> {
-    if !(1..=MOST).contains(&asked.iterations) {
-        return Err(UsageError(anyhow!("iterations {}: expected 1 to {MOST}", asked.iterations)).into());
-    }
-    let text = read_sheet(&asked.measured)?;
-    let wrong = |e: diopter::lens::LensError| anyhow::Error::from(ShotError::from(e));
-    let mut sheet = FitSheet::parse(&text, &asked.measured.display().to_string()).map_err(|e| wrong(e.into()))?;
-    // No file that is read here is written: neither the measurements, nor the lens, nor the calibration.
-    let beside = |name: &str| asked.measured.parent().unwrap_or(Path::new("")).join(name);
-    let calibration = sheet.calibration.clone().map(|entry| (beside(&entry.file), entry));
-    let lens_name = asked.lens.clone().or_else(|| sheet.lens.as_deref().map(|named| lens_beside(named, &asked.measured)));
-    // "sheet.toml#17" is read from sheet.toml.
-    let lens_file = lens_name.map(|name| PathBuf::from(name.split('#').next().unwrap_or(&name)));
-    let inputs = [Some(asked.measured.clone()), lens_file, calibration.as_ref().map(|c| c.0.clone())];
-    distinct(inputs.iter().flatten().map(PathBuf::as_path), asked.output.as_deref())?;
-    let output = match &asked.output {
-        Some(path) if path.extension().is_none_or(|e| e != "toml") => {
-            return Err(UsageError(anyhow!("{}: expected a name that ends in .toml", path.display())).into());
+/// Match a real lens: scale, f-number, decentre ... fitted to distortion, vignetting, MTF or a calibration.
+#[derive(clap::Args, Debug)]
+pub struct Fit {
+    /// File of measurements (.toml): [distortion], [vignetting], [mtf], [calibration]; [[variable]]: what is free.
+    measured: PathBuf,
+    /// The prescription to start from, instead of the one the file names: a name from `lens list`, or a file.
+    #[arg(long, value_name = "NAME|FILE")]
+    lens: Option<String>,
+    /// Most steps of the damped least squares from each start.
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    iterations: usize,
+    /// Lens file to write (.toml); what is no part of it (f-number, film) is printed as flags of `shoot`.
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+impl Fit {
+    pub(super) fn run(&self, global: &GlobalFlags) -> anyhow::Result<()> {
+        if !(1..=MOST).contains(&self.iterations) {
+            return Err(UsageError(anyhow!("iterations {}: expected 1 to {MOST}", self.iterations)).into());
         }
-        Some(path) => Some(Output::prepare(path)?),
-        None => None,
-    };
-    let lens = lens_of(asked.lens.as_deref(), sheet.lens.as_deref(), &asked.measured)?;
-    if let Some((path, entry)) = calibration {
-        let name = path.display().to_string();
-        let source = read_camera(&path, None).map_err(|e| UsageError(e.into()))?;
-        let (fields, pixel_mm) = seen_fields(&source, &name, entry.film_mm, entry.origin).map_err(|e| UsageError(e.into()))?;
-        sheet.add(&fields, entry.sigma_px * pixel_mm);
+        let text = read_sheet(&self.measured)?;
+        let wrong = |e: diopter::lens::LensError| anyhow::Error::from(ShotError::from(e));
+        let mut sheet = FitSheet::parse(&text, &self.measured.display().to_string()).map_err(|e| wrong(e.into()))?;
+        // No file that is read here is written: neither the measurements, nor the lens, nor the calibration.
+        let beside = |name: &str| self.measured.parent().unwrap_or(Path::new("")).join(name);
+        let calibration = sheet.calibration.clone().map(|entry| (beside(&entry.file), entry));
+        let lens_name = self.lens.clone().or_else(|| sheet.lens.as_deref().map(|named| lens_beside(named, &self.measured)));
+        // "sheet.toml#17" is read from sheet.toml.
+        let lens_file = lens_name.map(|name| PathBuf::from(name.split('#').next().unwrap_or(&name)));
+        let inputs = [Some(self.measured.clone()), lens_file, calibration.as_ref().map(|c| c.0.clone())];
+        distinct(inputs.iter().flatten().map(PathBuf::as_path), self.output.as_deref())?;
+        let output = match &self.output {
+            Some(path) if path.extension().is_none_or(|e| e != "toml") => {
+                return Err(UsageError(anyhow!("{}: expected a name that ends in .toml", path.display())).into());
+            }
+            Some(path) => Some(Output::prepare(path)?),
+            None => None,
+        };
+        let lens = lens_of(self.lens.as_deref(), sheet.lens.as_deref(), &self.measured)?;
+        if let Some((path, entry)) = calibration {
+            let name = path.display().to_string();
+            let source = read_camera(&path, None).map_err(|e| UsageError(e.into()))?;
+            let (fields, pixel_mm) =
+                seen_fields(&source, &name, entry.film_mm, entry.origin).map_err(|e| UsageError(e.into()))?;
+            sheet.add(&fields, entry.sigma_px * pixel_mm);
+        }
+        let report = LensFit::new(&lens, &sheet).and_then(|fit| fit.run(self.iterations)).map_err(wrong)?;
+        let toml = report.lens.to_toml();
+        if let Some(output) = output {
+            let path = output.commit(|w| Ok(w.write_all(toml.as_bytes())?))?;
+            say(&format!("wrote {}", path.display()));
+        }
+        report.warnings.iter().for_each(|w| warn(w));
+        if global.json {
+            return print_json(&as_json(&report, &toml));
+        }
+        write!(std::io::stdout(), "{}", table(&report, self.output.as_deref())?)?;
+        Ok(())
     }
-    let report = LensFit::new(&lens, &sheet).and_then(|fit| fit.run(asked.iterations)).map_err(wrong)?;
-    let toml = report.lens.to_toml();
-    if let Some(output) = output {
-        let path = output.commit(|w| Ok(w.write_all(toml.as_bytes())?))?;
-        say(&format!("wrote {}", path.display()));
-    }
-    report.warnings.iter().for_each(|w| warn(w));
-    if json {
-        return print_json(&as_json(&report, &toml));
-    }
-    write!(std::io::stdout(), "{}", table(&report, asked.output.as_deref())?)?;
-    Ok(())
 }
 
 /// The flags of `shoot` and `expose` that set what is no part of a prescription.

@@ -1,7 +1,6 @@
 //! `lens tolerance` and `lens build`: what a lens will be when it is built.
 
-use super::print_json;
-use crate::args::{Build, Tolerance};
+use super::{GlobalFlags, print_json};
 use crate::html::escaped;
 use crate::output::{Output, distinct};
 use crate::watch::say;
@@ -70,88 +69,132 @@ enum Target {
     Plot(PathBuf),
 }
 
-pub fn run(asked: &Tolerance, json: bool) -> anyhow::Result<()> {
-    if !(1..=MOST_BUILDS).contains(&asked.builds) {
-        return Err(UsageError(anyhow!("builds {}: expected 1 to {MOST_BUILDS}", asked.builds)).into());
-    }
-    distinct([asked.sheet.as_path()], asked.output.iter().map(PathBuf::as_path))?;
-    // Whether files can be written is known before the work.
-    let target = |path: &PathBuf| {
-        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-        let text: fn(&Report) -> anyhow::Result<String> = match ending.as_deref() {
-            Some("html") => |r| Ok(html(r)),
-            Some("csv") => |r| Ok(csv(r)),
-            Some("json") => |r| Ok(format!("{:#}\n", as_json(r))),
-            Some("svg" | "png") => return Ok(Target::Plot(path.clone())),
-            _ => {
-                let what = anyhow!("{}: expected a name that ends in .html, .csv, .json, .svg or .png", path.display());
-                return Err(UsageError(what).into());
-            }
+/// What the lens will be when it is built: sensitivities, Monte Carlo, yield against limits.
+#[derive(clap::Args, Debug)]
+pub struct Tolerance {
+    /// Tolerance sheet (.toml).
+    sheet: PathBuf,
+    /// The lens, instead of the one the sheet names: a name from `lens list`, or a file.
+    #[arg(long, value_name = "NAME|FILE")]
+    lens: Option<String>,
+    /// Builds that are drawn and measured.
+    #[arg(short = 'n', long, value_name = "N", default_value_t = 1000)]
+    builds: usize,
+    /// Seed of the builds, instead of the sheet's.
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Report (.html), all builds (.csv), everything (.json) or histograms (.svg, .png); may be given several times.
+    #[arg(short, long, value_name = "FILE")]
+    output: Vec<PathBuf>,
+}
+
+impl Tolerance {
+    pub(super) fn run(&self, global: &GlobalFlags) -> anyhow::Result<()> {
+        if !(1..=MOST_BUILDS).contains(&self.builds) {
+            return Err(UsageError(anyhow!("builds {}: expected 1 to {MOST_BUILDS}", self.builds)).into());
+        }
+        distinct([self.sheet.as_path()], self.output.iter().map(PathBuf::as_path))?;
+        // Whether files can be written is known before the work.
+        let target = |path: &PathBuf| {
+            let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+            let text: fn(&Report) -> anyhow::Result<String> = match ending.as_deref() {
+                Some("html") => |r| Ok(html(r)),
+                Some("csv") => |r| Ok(csv(r)),
+                Some("json") => |r| Ok(format!("{:#}\n", as_json(r))),
+                Some("svg" | "png") => return Ok(Target::Plot(path.clone())),
+                _ => {
+                    let what = anyhow!("{}: expected a name that ends in .html, .csv, .json, .svg or .png", path.display());
+                    return Err(UsageError(what).into());
+                }
+            };
+            Ok(Target::Text(Output::prepare(path)?, text))
         };
-        Ok(Target::Text(Output::prepare(path)?, text))
-    };
-    let targets: Vec<Target> = asked.output.iter().map(target).collect::<anyhow::Result<_>>()?;
-    let plots: Vec<PathBuf> =
-        targets.iter().filter_map(|t| if let Target::Plot(p) = t { Some(p.clone()) } else { None }).collect();
-    let plots = paint::prepare(&plots)?;
-    let (toleranced, seed) = toleranced(&asked.sheet, asked.lens.as_deref(), asked.seed)?;
-    let numbers = asked.builds.saturating_mul(toleranced.quantities().len());
-    if numbers > MOST_NUMBERS {
-        let most = MOST_NUMBERS / toleranced.quantities().len();
-        let found = format!("{} builds of {} quantities", asked.builds, toleranced.quantities().len());
-        return Err(UsageError(anyhow!("-n: {found}; expected at most {most} builds, or fewer fields and frequencies")).into());
+        let targets: Vec<Target> = self.output.iter().map(target).collect::<anyhow::Result<_>>()?;
+        let plots: Vec<PathBuf> =
+            targets.iter().filter_map(|t| if let Target::Plot(p) = t { Some(p.clone()) } else { None }).collect();
+        let plots = paint::prepare(&plots)?;
+        let (toleranced, seed) = toleranced(&self.sheet, self.lens.as_deref(), self.seed)?;
+        let numbers = self.builds.saturating_mul(toleranced.quantities().len());
+        if numbers > MOST_NUMBERS {
+            let most = MOST_NUMBERS / toleranced.quantities().len();
+            let found = format!("{} builds of {} quantities", self.builds, toleranced.quantities().len());
+            return Err(
+                UsageError(anyhow!("-n: {found}; expected at most {most} builds, or fewer fields and frequencies")).into()
+            );
+        }
+        let report = Report::new(toleranced, self.builds, seed);
+        for target in targets {
+            if let Target::Text(output, text) = target {
+                let text = text(&report)?;
+                let path = output.commit(|w| Ok(w.write_all(text.as_bytes())?))?;
+                say(&format!("wrote {}", path.display()));
+            }
+        }
+        for path in paint::write(plots, &histograms(&report))? {
+            say(&format!("wrote {}", path.display()));
+        }
+        if global.json {
+            return print_json(&as_json(&report));
+        }
+        write!(std::io::stdout(), "{}", text(&report)?)?;
+        Ok(())
     }
-    let report = Report::new(toleranced, asked.builds, seed);
-    for target in targets {
-        if let Target::Text(output, text) = target {
-            let text = text(&report)?;
+}
+
+/// One build of a tolerance sheet as a lens file, for `shoot --lens` and all other verbs.
+#[derive(clap::Args, Debug)]
+pub struct Build {
+    /// Tolerance sheet (.toml).
+    sheet: PathBuf,
+    /// The lens, instead of the one the sheet names: a name from `lens list`, or a file.
+    #[arg(long, value_name = "NAME|FILE")]
+    lens: Option<String>,
+    /// Which build: the same number is the same lens.
+    #[arg(long, value_name = "N")]
+    number: u64,
+    /// Seed of the builds, instead of the sheet's.
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Lens file to write (.toml); standard output without.
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+impl Build {
+    pub(super) fn run(&self, global: &GlobalFlags) -> anyhow::Result<()> {
+        distinct([self.sheet.as_path()], self.output.as_deref())?;
+        let output = match &self.output {
+            Some(path) if path.extension().is_none_or(|e| e != "toml") => {
+                return Err(UsageError(anyhow!("{}: expected a name that ends in .toml", path.display())).into());
+            }
+            Some(path) => Some(Output::prepare(path)?),
+            None => None,
+        };
+        let (toleranced, seed) = toleranced(&self.sheet, self.lens.as_deref(), self.seed)?;
+        let lens = toleranced.build(self.number).map_err(ShotError::from)?;
+        let text = lens.to_toml();
+        if let Some(output) = output {
             let path = output.commit(|w| Ok(w.write_all(text.as_bytes())?))?;
             say(&format!("wrote {}", path.display()));
         }
-    }
-    for path in paint::write(plots, &histograms(&report))? {
-        say(&format!("wrote {}", path.display()));
-    }
-    if json {
-        return print_json(&as_json(&report));
-    }
-    write!(std::io::stdout(), "{}", text(&report)?)?;
-    Ok(())
-}
-
-pub fn build(asked: &Build, json: bool) -> anyhow::Result<()> {
-    distinct([asked.sheet.as_path()], asked.output.as_deref())?;
-    let output = match &asked.output {
-        Some(path) if path.extension().is_none_or(|e| e != "toml") => {
-            return Err(UsageError(anyhow!("{}: expected a name that ends in .toml", path.display())).into());
-        }
-        Some(path) => Some(Output::prepare(path)?),
-        None => None,
-    };
-    let (toleranced, seed) = toleranced(&asked.sheet, asked.lens.as_deref(), asked.seed)?;
-    let lens = toleranced.build(asked.number).map_err(ShotError::from)?;
-    let text = lens.to_toml();
-    if let Some(output) = output {
-        let path = output.commit(|w| Ok(w.write_all(text.as_bytes())?))?;
-        say(&format!("wrote {}", path.display()));
-    }
-    if json {
-        let amounts = toleranced.amounts(asked.number);
-        let amounts: Vec<Value> = toleranced
-            .parameters()
-            .iter()
-            .zip(amounts)
-            .map(|(p, a)| json!({ "name": p.name(), "unit": p.unit(), "amount": a }))
-            .collect();
-        // Of the build before its film was moved: that is one of the quantities.
-        let values = toleranced.measure_build(asked.number);
-        return print_json(&json!({ "number": asked.number, "seed": seed, "amounts": amounts,
+        if global.json {
+            let amounts = toleranced.amounts(self.number);
+            let amounts: Vec<Value> = toleranced
+                .parameters()
+                .iter()
+                .zip(amounts)
+                .map(|(p, a)| json!({ "name": p.name(), "unit": p.unit(), "amount": a }))
+                .collect();
+            // Of the build before its film was moved: that is one of the quantities.
+            let values = toleranced.measure_build(self.number);
+            return print_json(&json!({ "number": self.number, "seed": seed, "amounts": amounts,
             "quantities": named(&toleranced, &values), "toml": text }));
+        }
+        if self.output.is_none() {
+            write!(std::io::stdout(), "{text}")?;
+        }
+        Ok(())
     }
-    if asked.output.is_none() {
-        write!(std::io::stdout(), "{text}")?;
-    }
-    Ok(())
 }
 
 /// Quantities by their names.

@@ -1,9 +1,8 @@
 //! `lens optimise`: a better lens from a given one.
 
-use super::print_json;
 use super::tolerance::{lens_of, read_sheet};
+use super::{GlobalFlags, print_json};
 use crate::UsageError;
-use crate::args::Optimise;
 use crate::output::{Output, distinct};
 use crate::watch::say;
 use anyhow::anyhow;
@@ -12,40 +11,65 @@ use diopter::shot::ShotError;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::io::Write;
+use std::path::PathBuf;
 
 /// Most generations, and most steps.
 const MOST: usize = 100_000;
 
-pub fn run(asked: &Optimise, json: bool) -> anyhow::Result<()> {
-    distinct([asked.merit.as_path()], asked.output.as_deref())?;
-    for (what, count) in [("global", asked.global), ("iterations", asked.iterations)] {
-        if count > MOST {
-            return Err(UsageError(anyhow!("{what} {count}: expected at most {MOST}")).into());
+/// A better lens: variables and wishes from a merit file, damped least squares, a global search.
+#[derive(clap::Args, Debug)]
+pub struct Optimise {
+    /// Merit file (.toml): variables, operands, fields.
+    merit: PathBuf,
+    /// The lens to start from, instead of the one the merit file names: a name from `lens list`, or a file.
+    #[arg(long, value_name = "NAME|FILE")]
+    lens: Option<String>,
+    /// Search the whole range of the variables first, by so many generations of differential evolution.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    global: usize,
+    /// Most steps of the damped least squares.
+    #[arg(long, value_name = "N", default_value_t = 500)]
+    iterations: usize,
+    /// Seed of the global search, instead of the file's.
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Lens file to write (.toml).
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+impl Optimise {
+    pub(super) fn run(&self, global: &GlobalFlags) -> anyhow::Result<()> {
+        distinct([self.merit.as_path()], self.output.as_deref())?;
+        for (what, count) in [("global", self.global), ("iterations", self.iterations)] {
+            if count > MOST {
+                return Err(UsageError(anyhow!("{what} {count}: expected at most {MOST}")).into());
+            }
         }
-    }
-    let output = match &asked.output {
-        Some(path) if path.extension().is_none_or(|e| e != "toml") => {
-            return Err(UsageError(anyhow!("{}: expected a name that ends in .toml", path.display())).into());
+        let output = match &self.output {
+            Some(path) if path.extension().is_none_or(|e| e != "toml") => {
+                return Err(UsageError(anyhow!("{}: expected a name that ends in .toml", path.display())).into());
+            }
+            Some(path) => Some(Output::prepare(path)?),
+            None => None,
+        };
+        let text = read_sheet(&self.merit)?;
+        let wrong = |e: diopter::lens::LensError| anyhow::Error::from(ShotError::from(e));
+        let mut sheet = MeritSheet::parse(&text, &self.merit.display().to_string()).map_err(|e| wrong(e.into()))?;
+        sheet.seed = self.seed.unwrap_or(sheet.seed);
+        let lens = lens_of(self.lens.as_deref(), sheet.lens.as_deref(), &self.merit)?;
+        let report = Optimisation::new(&lens, &sheet).and_then(|o| o.run(self.global, self.iterations)).map_err(wrong)?;
+        let toml = report.lens.to_toml();
+        if let Some(output) = output {
+            let path = output.commit(|w| Ok(w.write_all(toml.as_bytes())?))?;
+            say(&format!("wrote {}", path.display()));
         }
-        Some(path) => Some(Output::prepare(path)?),
-        None => None,
-    };
-    let text = read_sheet(&asked.merit)?;
-    let wrong = |e: diopter::lens::LensError| anyhow::Error::from(ShotError::from(e));
-    let mut sheet = MeritSheet::parse(&text, &asked.merit.display().to_string()).map_err(|e| wrong(e.into()))?;
-    sheet.seed = asked.seed.unwrap_or(sheet.seed);
-    let lens = lens_of(asked.lens.as_deref(), sheet.lens.as_deref(), &asked.merit)?;
-    let report = Optimisation::new(&lens, &sheet).and_then(|o| o.run(asked.global, asked.iterations)).map_err(wrong)?;
-    let toml = report.lens.to_toml();
-    if let Some(output) = output {
-        let path = output.commit(|w| Ok(w.write_all(toml.as_bytes())?))?;
-        say(&format!("wrote {}", path.display()));
+        if global.json {
+            return print_json(&as_json(&report, &toml));
+        }
+        write!(std::io::stdout(), "{}", table(&report)?)?;
+        Ok(())
     }
-    if json {
-        return print_json(&as_json(&report, &toml));
-    }
-    write!(std::io::stdout(), "{}", table(&report)?)?;
-    Ok(())
 }
 
 fn wanted(w: Wanted) -> String {

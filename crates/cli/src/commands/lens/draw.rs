@@ -1,8 +1,7 @@
-//! `lens`: a lens in section.
+//! `lens draw`: a lens in section.
 
-use super::print_json;
-use super::{Table, fields_to};
-use crate::args::Bench as Asked;
+use super::bench::{Bench, Table, fields_to};
+use super::{GlobalFlags, print_json};
 use crate::watch::say;
 use crate::{UsageError, paint};
 use anyhow::anyhow;
@@ -12,31 +11,42 @@ use diopter::light::units::Millimeters;
 use diopter::shot::ShotError;
 use serde_json::json;
 
+/// The lens in section, with rays; of "thin" the ideal lens.
+#[derive(clap::Args, Debug)]
+pub struct Draw {
+    #[command(flatten)]
+    bench: Bench,
+}
+
+impl Draw {
+    pub(super) fn run(&self, global: &GlobalFlags) -> anyhow::Result<()> {
+        let asked = &self.bench;
+        if asked.output.is_empty() {
+            return Err(UsageError(anyhow!("lens draw: expected -o FILE.svg or FILE.png")).into());
+        }
+        if asked.lens == "thin" {
+            return thin(asked, global.json);
+        }
+        let outputs = paint::prepare(&asked.output)?;
+        let table = Table::new(asked)?;
+        let written = paint::write(outputs, &layout(&table))?;
+        written.iter().for_each(|p| say(&format!("wrote {}", p.display())));
+        if global.json {
+            print_json(&json!({ "files": written, "fields_deg": table.fields, "wavelength_nm": table.reference }))?;
+        }
+        Ok(())
+    }
+}
+
+/// The lens with its rays.
 pub(super) fn layout(table: &Table) -> Figure {
     let options =
         LayoutOptions { title: table.title(""), fields_deg: table.fields.clone(), nm: table.reference, rays: 7, width: 800.0 };
     draw::layout(&table.bench(), &options)
 }
 
-pub(super) fn drawing(asked: &Asked, json: bool) -> anyhow::Result<()> {
-    if asked.output.is_empty() {
-        return Err(UsageError(anyhow!("lens draw: expected -o FILE.svg or FILE.png")).into());
-    }
-    if asked.lens == "thin" {
-        return thin_drawing(asked, json);
-    }
-    let outputs = paint::prepare(&asked.output)?;
-    let table = Table::new(asked)?;
-    let written = paint::write(outputs, &layout(&table))?;
-    written.iter().for_each(|p| say(&format!("wrote {}", p.display())));
-    if json {
-        print_json(&json!({ "files": written, "fields_deg": table.fields, "wavelength_nm": table.reference }))?;
-    }
-    Ok(())
-}
-
 /// The thin lens has no surfaces: of all verbs only this one shows it.
-pub(super) fn thin_drawing(asked: &Asked, json: bool) -> anyhow::Result<()> {
+fn thin(asked: &Bench, json: bool) -> anyhow::Result<()> {
     let focal = asked.focal_length.map_or(50.0, |f| f.0);
     let f_number = asked.aperture.map_or(5.6, |a| a.0);
     let focus = asked.focus.map_or(Focus::Infinity, |f| Focus::at_mm(f.0 * 1000.0));

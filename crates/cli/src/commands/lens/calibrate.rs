@@ -1,8 +1,7 @@
 //! `lens calibrate`: what a traced lens does, as models and tables for other programs.
 
-use super::print_json;
+use super::{GlobalFlags, print_json};
 use crate::UsageError;
-use crate::args::Calibrate;
 use crate::output::{Output, distinct};
 use crate::watch::say;
 use anyhow::anyhow;
@@ -13,12 +12,14 @@ use diopter::calibration::{Calibration, Fit, Format, ModelKind, PrincipalRay, fi
 use diopter::lens::calibrated::RayTable;
 use diopter::lens::compound::{Setting, printed_focal_length};
 use diopter::lens::{CompoundLens, Focus, Lens};
+use diopter::quantity::{Distance, FNumber, LengthMm, Size};
 use diopter::sensor::format;
+use diopter::shot::flag_values::{shift, tilt};
 use diopter::shot::{LARGEST_SIDE, ShotError, read_body, read_lens};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Models that `--model all` fits.
 const ALL: [ModelKind; 13] = [
@@ -37,73 +38,130 @@ const ALL: [ModelKind; 13] = [
     ModelKind::Division,
 ];
 
-pub fn run(args: &Calibrate, json_wanted: bool) -> anyhow::Result<()> {
-    let formats = args.output.iter().map(|path| format_of(path, args)).collect::<anyhow::Result<Vec<_>>>()?;
-    distinct([Path::new(&args.lens)], args.output.iter().map(|p| p.as_path()))?;
-    let outputs = args.output.iter().map(|p| Output::prepare(p)).collect::<anyhow::Result<Vec<_>>>()?;
-    let film = film(args)?;
-    let lens = lens(args, &film)?;
-    let which = principal_ray(args)?;
-    let observed = observe(&lens, &film, which);
-    let kinds = match args.model.as_deref() {
-        None => vec![fit::suitable(&observed)],
-        Some("all") => ALL.to_vec(),
-        Some(list) => list.split(',').map(|name| named(name.trim())).collect::<anyhow::Result<_>>()?,
-    };
-    let fits: Vec<(ModelKind, Result<Fit, _>)> = kinds.iter().map(|kind| (*kind, fit::fit(*kind, &observed))).collect();
-    // Of all models the one that follows the lens most closely is written, of those that were asked for by name the first that fits.
-    let mut good = fits.iter().filter_map(|(_, fit)| fit.as_ref().ok());
-    let best = match args.model.as_deref() {
-        Some("all") => good.min_by(|a, b| a.rms_px.total_cmp(&b.rms_px)),
-        _ => good.next(),
-    };
-    let Some(best) = best else {
-        let (_, failed) = fits.into_iter().next().ok_or_else(|| anyhow!("no model"))?;
-        return Err(failed.err().map_or_else(|| anyhow!("no model fits"), anyhow::Error::from));
-    };
-    let body = read_body(args.body.as_deref().unwrap_or(DEFAULT_BODY))?.name;
-    let name = match &lens {
-        Lens::Compound(l) => l.prescription().name.clone(),
-        _ => args.lens.clone(),
-    };
-    let calibration = Calibration {
-        body,
-        lens: name,
-        size: [film.columns, film.rows],
-        film_mm: [film.width_mm, film.height_mm],
-        focal_length_mm: lens.focal_length().0,
-        f_number: lens.f_number(),
-        focus_distance_m: lens.focus_distance().map(|d| d.0 / 1000.0),
-        model: best.model.clone(),
-        fit: Some(best.clone()),
-        falloff: falloff(&lens, &film),
-        frames: Vec::new(),
-    };
-    let table = match formats.iter().any(|f| !f.is_text()) {
-        true => Some(ray_table::trace(&lens, &film, which)?),
-        false => None,
-    };
-    for (format, output) in formats.into_iter().zip(outputs) {
-        let path = write(format, output, &calibration, &lens, table.as_ref())?;
-        say(&format!("wrote {}", path.display()));
+/// Camera models that say what the lens does, fitted to traced rays, for OpenCV, COLMAP, nerfstudio, Kalibr, lensfun; ST maps, ray tables.
+#[derive(clap::Args, Debug)]
+pub struct Calibrate {
+    /// A name from `lens list`, or a file (.toml, .dat, .zmx, .seq, .len, .json).
+    lens: String,
+    /// Pixels of the picture.
+    #[arg(long, value_name = "WxH", default_value = "6000x4000")]
+    size: Size,
+    /// Camera body: its film; a name from `body list` or a TOML file. The usual one without.
+    #[arg(long, value_name = "NAME|FILE")]
+    body: Option<String>,
+    /// Film instead of the body's: a name ("full frame", "APS-C", "4/3") or mm ("36x24").
+    #[arg(long, value_name = "NAME|MM")]
+    film: Option<String>,
+    /// Where a zoom is set: "35 mm".
+    #[arg(long, value_name = "LENGTH")]
+    focal_length: Option<LengthMm>,
+    /// A zoom position that the prescription prints, 1 the first.
+    #[arg(long, value_name = "N", conflicts_with = "focal_length")]
+    zoom_position: Option<usize>,
+    /// f-number; fully open without.
+    #[arg(long, value_name = "F")]
+    aperture: Option<FNumber>,
+    /// Distance from the entrance pupil that is in focus: "2.5m"; infinity without.
+    #[arg(long, value_name = "DISTANCE")]
+    focus: Option<Distance>,
+    /// Move the lens against the film, to the right and up: "5mm", "0,8mm".
+    #[arg(long, value_name = "X[,Y]", value_parser = shift, allow_hyphen_values = true)]
+    shift: Option<[f64; 2]>,
+    /// Turn the lens against the film about its rear principal point, forward and to the right: "8deg", "0,5deg".
+    #[arg(long, value_name = "X[,Y]", value_parser = tilt, allow_hyphen_values = true)]
+    tilt: Option<[f64; 2]>,
+    /// Camera model, or several ("opencv5,opencv-fisheye"; the first is written), or all.
+    ///
+    /// pinhole, simple-radial, radial, opencv4, opencv5, opencv8, opencv12, opencv14, opencv-fisheye, thin-prism-fisheye, f-theta, double-sphere,
+    /// division. Without, opencv5 for pictures within 60° of the axis and opencv-fisheye for wider ones.
+    #[arg(long, value_name = "NAMES")]
+    model: Option<String>,
+    /// Fit the mean direction of all light through the pupil instead of the chief ray.
+    #[arg(long)]
+    centroid: bool,
+    /// Wavelength of the ray, nm; 587.6 without. A lens with lateral colour has another calibration for each colour.
+    #[arg(long, value_name = "NM")]
+    wavelength: Option<f64>,
+    /// Format of the files, where their names do not say it: json, opencv, colmap, nerfstudio, kalibr, lensfun, st-map, st-map-undistort, ray-table.
+    #[arg(long, value_name = "NAME")]
+    format: Option<String>,
+    /// File to write; may be given several times.
+    ///
+    /// .json (everything), .yaml (OpenCV, ROS), cameras.txt (COLMAP), transforms.json (nerfstudio), camchain.yaml (Kalibr), .xml (lensfun), distort.exr and undistort.exr
+    /// (ST maps), rays.exr (a ray for each pixel).
+    #[arg(short, long, value_name = "FILE")]
+    output: Vec<PathBuf>,
+}
+
+impl Calibrate {
+    pub(super) fn run(&self, global: &GlobalFlags) -> anyhow::Result<()> {
+        let formats = self.output.iter().map(|path| format_of(path, self)).collect::<anyhow::Result<Vec<_>>>()?;
+        distinct([Path::new(&self.lens)], self.output.iter().map(|p| p.as_path()))?;
+        let outputs = self.output.iter().map(|p| Output::prepare(p)).collect::<anyhow::Result<Vec<_>>>()?;
+        let film = film(self)?;
+        let lens = lens(self, &film)?;
+        let which = principal_ray(self)?;
+        let observed = observe(&lens, &film, which);
+        let kinds = match self.model.as_deref() {
+            None => vec![fit::suitable(&observed)],
+            Some("all") => ALL.to_vec(),
+            Some(list) => list.split(',').map(|name| named(name.trim())).collect::<anyhow::Result<_>>()?,
+        };
+        let fits: Vec<(ModelKind, Result<Fit, _>)> = kinds.iter().map(|kind| (*kind, fit::fit(*kind, &observed))).collect();
+        // Of all models the one that follows the lens most closely is written, of those that were asked for by name the first that fits.
+        let mut good = fits.iter().filter_map(|(_, fit)| fit.as_ref().ok());
+        let best = match self.model.as_deref() {
+            Some("all") => good.min_by(|a, b| a.rms_px.total_cmp(&b.rms_px)),
+            _ => good.next(),
+        };
+        let Some(best) = best else {
+            let (_, failed) = fits.into_iter().next().ok_or_else(|| anyhow!("no model"))?;
+            return Err(failed.err().map_or_else(|| anyhow!("no model fits"), anyhow::Error::from));
+        };
+        let body = read_body(self.body.as_deref().unwrap_or(DEFAULT_BODY))?.name;
+        let name = match &lens {
+            Lens::Compound(l) => l.prescription().name.clone(),
+            _ => self.lens.clone(),
+        };
+        let calibration = Calibration {
+            body,
+            lens: name,
+            size: [film.columns, film.rows],
+            film_mm: [film.width_mm, film.height_mm],
+            focal_length_mm: lens.focal_length().0,
+            f_number: lens.f_number(),
+            focus_distance_m: lens.focus_distance().map(|d| d.0 / 1000.0),
+            model: best.model.clone(),
+            fit: Some(best.clone()),
+            falloff: falloff(&lens, &film),
+            frames: Vec::new(),
+        };
+        let table = match formats.iter().any(|f| !f.is_text()) {
+            true => Some(ray_table::trace(&lens, &film, which)?),
+            false => None,
+        };
+        for (format, output) in formats.into_iter().zip(outputs) {
+            let path = write(format, output, &calibration, &lens, table.as_ref())?;
+            say(&format!("wrote {}", path.display()));
+        }
+        if global.json {
+            let models: Vec<Value> = fits
+                .iter()
+                .map(|(kind, fit)| match fit {
+                    Ok(fit) => json!({ "model": json::model(&fit.model), "fit": json::fit(fit) }),
+                    Err(e) => json!({ "model": { "name": kind.name() }, "error": e.to_string() }),
+                })
+                .collect();
+            return print_json(&json!({
+                "lens": calibration.lens, "body": calibration.body, "size": calibration.size, "film_mm": calibration.film_mm,
+                "focal_length_mm": calibration.focal_length_mm, "f_number": calibration.f_number,
+                "focus_distance_m": calibration.focus_distance_m, "ray": if self.centroid { "centroid" } else { "chief" },
+                "wavelength_nm": which.wavelength_nm, "models": models, "files": self.output,
+            }));
+        }
+        write!(std::io::stdout(), "{}", told(&calibration, &fits)?)?;
+        Ok(())
     }
-    if json_wanted {
-        let models: Vec<Value> = fits
-            .iter()
-            .map(|(kind, fit)| match fit {
-                Ok(fit) => json!({ "model": json::model(&fit.model), "fit": json::fit(fit) }),
-                Err(e) => json!({ "model": { "name": kind.name() }, "error": e.to_string() }),
-            })
-            .collect();
-        return print_json(&json!({
-            "lens": calibration.lens, "body": calibration.body, "size": calibration.size, "film_mm": calibration.film_mm,
-            "focal_length_mm": calibration.focal_length_mm, "f_number": calibration.f_number,
-            "focus_distance_m": calibration.focus_distance_m, "ray": if args.centroid { "centroid" } else { "chief" },
-            "wavelength_nm": which.wavelength_nm, "models": models, "files": args.output,
-        }));
-    }
-    write!(std::io::stdout(), "{}", told(&calibration, &fits)?)?;
-    Ok(())
 }
 
 /// Which ray is calibrated. Fails outside the wavelengths that glasses are told for.
