@@ -6,7 +6,8 @@
 //! of the environment, roughness, thickness of thin films (nm).
 
 use crate::light::PunctualKind;
-use crate::material::{Anisotropy, BumpUnit, Coverage, Interior, Material, Pigment, Scattering};
+use crate::material::inputs::{InputMut, Inputs};
+use crate::material::{BumpUnit, Interior, Material};
 use crate::medium::{Coefficient, Medium};
 use crate::motion::{Local, Node, Parts};
 use crate::scene::{CameraProjection, Description, Shape};
@@ -110,88 +111,19 @@ fn scale_material(material: &mut Material, factor: f32, media: &mut Media) {
         Interior::Body { medium, .. } => filling(medium),
         Interior::Sides(sides) => sides.iter_mut().for_each(filling),
     }
-    match &mut material.coverage {
-        Coverage::Full => {}
-        Coverage::Mask { alpha, .. } | Coverage::Blend(alpha) => scale_scalar(alpha, factor),
-    }
     if let Some(bump) = material.bump.as_deref_mut() {
-        scale_scalar(&mut bump.height, factor);
         match &mut bump.unit {
             BumpUnit::Length(metres) => *metres *= factor,
             BumpUnit::Extent(_) => {}
         }
     }
-    scale_scattering(&mut material.scattering, factor);
-}
-
-/// Patterns that lie in space.
-fn scale_scattering(scattering: &mut Scattering, factor: f32) {
-    match scattering {
-        Scattering::Black | Scattering::Interface | Scattering::Measured(_) => {}
-        Scattering::Diffuse(color) => scale_color(color, factor),
-        Scattering::DiffuseTransmission(colors) => colors.iter_mut().for_each(|c| scale_color(c, factor)),
-        Scattering::Hair(hair) => {
-            let hair = &mut **hair;
-            [&mut hair.beta_m, &mut hair.beta_n, &mut hair.alpha].into_iter().for_each(|s| scale_scalar(s, factor));
-            // Absorption counts by radii of the fibre.
-            match &mut hair.pigment {
-                Pigment::Absorption(_) => {}
-                Pigment::AbsorptionMap(graph) => *graph = scaled_graph(graph, factor),
-                Pigment::Reflectance(color) => scale_color(color, factor),
-                Pigment::Melanin { eumelanin, pheomelanin, .. } => {
-                    [eumelanin, pheomelanin].into_iter().for_each(|s| scale_scalar(s, factor));
-                }
-            }
+    // Patterns that lie in space.
+    material.each_input_mut(&mut |input| match input {
+        InputMut::Color(Color::Graph(graph)) | InputMut::Colors(graph) | InputMut::Scalar(Scalar::Graph(graph)) => {
+            *graph = scaled_graph(graph, factor);
         }
-        Scattering::Conductor(c) => {
-            [Some(&mut c.alpha), c.across.as_mut()].into_iter().flatten().for_each(|s| scale_scalar(s, factor))
-        }
-        Scattering::Coated(c) => {
-            let c = &mut **c;
-            let all = [Some(&mut c.roughness), c.across.as_mut(), Some(&mut c.metal.alpha), c.metal.across.as_mut()];
-            all.into_iter().flatten().for_each(|s| scale_scalar(s, factor));
-        }
-        Scattering::Principled(p) => {
-            let p = &mut **p;
-            let numbers = [
-                &mut p.metallic,
-                &mut p.roughness,
-                &mut p.transmission,
-                &mut p.clearcoat,
-                &mut p.clearcoat_roughness,
-                &mut p.specular,
-            ];
-            numbers.into_iter().for_each(|s| scale_scalar(s, factor));
-            [&mut p.base_color, &mut p.specular_color].into_iter().for_each(|c| scale_color(c, factor));
-            if let Some(Anisotropy::Across(across)) = p.anisotropy.as_deref_mut() {
-                scale_scalar(across, factor);
-            }
-            if let Some(film) = p.film.as_deref_mut() {
-                [&mut film.fraction, &mut film.thickness].into_iter().for_each(|s| scale_scalar(s, factor));
-            }
-            if let Some(sheen) = p.sheen.as_deref_mut() {
-                scale_color(&mut sheen.color, factor);
-                scale_scalar(&mut sheen.roughness, factor);
-            }
-        }
-        Scattering::Mix(mix) => {
-            let (parts, amount) = &mut **mix;
-            parts.iter_mut().for_each(|p| scale_scattering(p, factor));
-            scale_scalar(amount, factor);
-        }
-    }
-}
-
-fn scale_color(color: &mut Color, factor: f32) {
-    if let Color::Graph(graph) = color {
-        *graph = scaled_graph(graph, factor);
-    }
-}
-
-fn scale_scalar(scalar: &mut Scalar, factor: f32) {
-    if let Scalar::Graph(graph) = scalar {
-        *graph = scaled_graph(graph, factor);
-    }
+        InputMut::Color(_) | InputMut::Scalar(_) => {}
+    });
 }
 
 fn scaled_graph(graph: &Arc<Graph>, factor: f32) -> Arc<Graph> {
@@ -241,6 +173,7 @@ fn scaled_graph(graph: &Arc<Graph>, factor: f32) -> Arc<Graph> {
 mod tests {
     use super::*;
     use crate::light::{Environment, Punctual};
+    use crate::material::Scattering;
     use crate::motion::Motion;
     use crate::scene::{Object, Scene};
     use crate::shape::{Mesh, Quad, Sphere};

@@ -1,5 +1,6 @@
 //! Surfaces whose facets are wider one way than the other: brushed metal, hair-fine grooves.
 
+use super::inputs::inputs_enum;
 use super::microfacet::Ggx;
 use crate::shape::Surface;
 use crate::texture::{Scalar, Texture};
@@ -21,6 +22,8 @@ pub enum Anisotropy {
         texture: Option<Texture>,
     },
 }
+
+inputs_enum!(Anisotropy { Across(roughness), Brushed { strength, rotation, texture } });
 
 /// The surface's tangent, made unit and perpendicular to the normal `ns`; `None` where it has none.
 pub(super) fn tangent(surface: &Surface, ns: Vec3) -> Option<Vec3> {

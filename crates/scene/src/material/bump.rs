@@ -5,6 +5,7 @@
 //! smaller than a texel. Limits: outlines and shadows stay those of the smooth surface; the change of the normal with the place is left out beside
 //! the height, as Blinn does.
 
+use super::inputs::inputs_struct;
 use crate::shape::{Detail, Surface};
 use crate::texture::{Lookup, Scalar};
 use diopter_light::sampling;
@@ -21,6 +22,8 @@ pub struct Bump {
     /// What a height of 1 is.
     pub unit: BumpUnit,
 }
+
+inputs_struct!(Bump { height } without { unit });
 
 /// Units of heights.
 #[derive(Clone, Copy, Debug, PartialEq)]

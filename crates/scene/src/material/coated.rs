@@ -7,6 +7,7 @@
 
 use super::conductor::{Conductor, ConductorLobe};
 use super::energy::{Escape, Interface, prepare_mirrors};
+use super::inputs::inputs_struct;
 use super::local_scatter::LocalScatter;
 use super::microfacet::{Ggx, fresnel_dielectric, reflect, refract};
 use super::polarization::{Event, dielectric, s_axis};
@@ -31,6 +32,8 @@ pub struct CoatedConductor {
     interface: Arc<Interface>,
     escape: Arc<Escape>,
 }
+
+inputs_struct!(CoatedConductor { metal, roughness, across } without { ior, interface, escape });
 
 impl CoatedConductor {
     /// A coat of an index (taken as at least 1.0001) over a metal; `roughness`: √α of the coat's facets, 0 to 1.

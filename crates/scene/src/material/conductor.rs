@@ -1,6 +1,7 @@
 //! Metals by their complex index of refraction, smooth or rough (GGX).
 
 use super::energy::{mirror_albedo_at, prepare_mirrors};
+use super::inputs::inputs_struct;
 use super::local_scatter::LocalScatter;
 use super::microfacet::{Ggx, fresnel_conductor, reflect};
 use super::polarization::{Event, InPlane, conductor, s_axis};
@@ -24,6 +25,8 @@ pub struct Conductor {
     /// What happens to light that meets several facets.
     pub bounces: FacetBounces,
 }
+
+inputs_struct!(Conductor { alpha, across } without { n, k, bounces });
 
 /// Light that bounces between the facets of a rough surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,6 +5,7 @@
 //! KHR_materials_iridescence (whose own formula, of L. Belcour and P. Barla 2017, stands for the same sum in three colours).
 
 use super::energy::{Interface, mirror_albedo_at};
+use super::inputs::inputs_struct;
 use super::microfacet::{Ggx, cosine_of};
 use super::polarization::{self, InPlane};
 use crate::shape::Surface;
@@ -25,6 +26,8 @@ pub struct Film {
     /// Where between the two.
     pub thickness: Scalar,
 }
+
+inputs_struct!(Film { fraction, thickness } without { ior, between_nm });
 
 impl Film {
     pub(super) fn at(&self, surface: &Surface, wavelengths: &SampledWavelengths) -> Option<FilmLayer> {

@@ -9,6 +9,7 @@
 //! Differences from pbrt: the modified Bessel function is computed to single precision, which takes the error of energy from 2 % to rounding, and
 //! absorption by melanin is upsampled for each of its two kinds. Limits: fibres are round, their medulla is not modelled.
 
+use super::inputs::{inputs_enum, inputs_struct};
 use super::local_scatter::LocalScatter;
 use super::microfacet::fresnel_dielectric;
 use crate::shape::Surface;
@@ -45,6 +46,8 @@ pub struct Hair {
     pub alpha: Scalar,
 }
 
+inputs_struct!(Hair { pigment, beta_m, beta_n, alpha } without { eta });
+
 /// What absorbs light in a fibre.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
@@ -65,6 +68,13 @@ pub enum Pigment {
         spectra: Box<[Spectrum; 2]>,
     },
 }
+
+inputs_enum!(Pigment {
+    Absorption(spectrum),
+    AbsorptionMap(graph),
+    Reflectance(color),
+    Melanin { eumelanin, pheomelanin, spectra },
+});
 
 impl Pigment {
     /// Melanin of two concentrations, each at least 0 (eumelanin: 0.3 blond, 1.3 brown, 8 black).

@@ -12,6 +12,7 @@ pub mod diffuse;
 pub mod energy;
 pub mod film;
 pub mod hair;
+pub(crate) mod inputs;
 pub(crate) mod local_scatter;
 pub mod measured;
 pub mod microfacet;
@@ -37,6 +38,7 @@ use crate::shape::Surface;
 use crate::texture::{Color, Lookup, Scalar, Texture};
 use diopter_light::{SampledSpectrum, SampledWavelengths, Spectrum};
 use glam::{Vec2, Vec3};
+use inputs::{inputs_enum, inputs_struct};
 use std::sync::Arc;
 
 /// A surface's appearance.
@@ -57,6 +59,8 @@ pub struct Material {
     /// What begins where light goes in.
     pub interior: Interior,
 }
+
+inputs_struct!(Material { scattering, emission, normal_map, bump, coverage } without { name, interior });
 
 /// What is behind a surface that light goes through.
 #[derive(Clone, Debug, Default)]
@@ -100,6 +104,19 @@ pub enum Scattering {
     /// Either of two, the second with a probability that may differ from place to place.
     Mix(Box<([Scattering; 2], Scalar)>),
 }
+
+inputs_enum!(Scattering {
+    Black,
+    Interface,
+    Diffuse(color),
+    Conductor(conductor),
+    Coated(coated),
+    Principled(principled),
+    DiffuseTransmission(colors),
+    Hair(hair),
+    Measured(measured),
+    Mix(mix),
+});
 
 /// Deepest that mixtures are taken apart.
 pub const DEEPEST_MIX: u32 = 16;
@@ -205,6 +222,8 @@ pub struct Emission {
     pub modulation: Modulation,
 }
 
+inputs_struct!(Emission { radiance } without { two_sided, is_light, modulation });
+
 /// Spectral radiance of an emitter.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
@@ -224,6 +243,8 @@ pub enum EmissionColor {
         factor: f32,
     },
 }
+
+inputs_enum!(EmissionColor { Constant(spectrum), Textured { factor, texture }, Captured { factor } });
 
 impl Emission {
     /// A lamp of a spectrum (W·m⁻²·sr⁻¹·nm⁻¹), front side only.
@@ -286,6 +307,8 @@ pub enum Coverage {
     /// With this probability.
     Blend(Scalar),
 }
+
+inputs_enum!(Coverage { Full, Mask { alpha, cutoff }, Blend(alpha) });
 
 impl Coverage {
     /// Fraction of rays, 0 to 1, that meet the surface at these texture coordinates: the mean of [`Coverage::accepts`]; `vertex_alpha` (0 to 1) multiplies.

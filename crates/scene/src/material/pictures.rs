@@ -1,31 +1,8 @@
-//! The inputs of materials, one after the other: which of them are pictures.
+//! Which inputs of materials are pictures, and how those are filtered.
 
-use super::{Anisotropy, CoatedConductor, Conductor, Coverage, EmissionColor, Hair, Material, Pigment, Principled, Scattering};
-use crate::texture::{Color, Graph, Scalar, Texture};
-
-/// An input of a material.
-pub(crate) enum Input<'a> {
-    /// A colour that light is multiplied by.
-    Color(&'a Color),
-    /// A picture made of others that stands for such a colour.
-    Colors(&'a Graph),
-    /// A number that the shape of a lobe, an amount or the presence of a surface depends on.
-    Scalar(&'a Scalar),
-    /// Normals, directions, or light that is sent out.
-    Other,
-}
-
-impl Input<'_> {
-    /// Whether it differs from place to place.
-    fn is_picture(&self) -> bool {
-        match self {
-            Input::Color(Color::Textured { .. } | Color::Graph(_)) | Input::Other => true,
-            Input::Scalar(scalar) => !matches!(scalar, Scalar::Constant(_)),
-            Input::Colors(graph) => graph.constant().is_none(),
-            Input::Color(_) => false,
-        }
-    }
-}
+use super::inputs::{Input, Inputs};
+use super::{Coverage, EmissionColor, Material};
+use crate::texture::{Color, Texture};
 
 /// How the pictures of a material are filtered.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,81 +47,5 @@ impl Material {
         let mut any = false;
         self.each_input(&mut |input| any |= input.is_picture());
         any
-    }
-
-    /// Tells all its inputs.
-    pub(crate) fn each_input(&self, tell: &mut dyn FnMut(Input)) {
-        of(&self.scattering, tell);
-        if let Some(EmissionColor::Textured { .. }) = self.emission.as_ref().map(|e| &e.radiance) {
-            tell(Input::Other);
-        }
-        if self.normal_map.is_some() {
-            tell(Input::Other);
-        }
-        if let Some(bump) = &self.bump {
-            tell(Input::Scalar(&bump.height));
-        }
-        match &self.coverage {
-            Coverage::Full => {}
-            Coverage::Mask { alpha, .. } | Coverage::Blend(alpha) => tell(Input::Scalar(alpha)),
-        }
-    }
-}
-
-fn of(scattering: &Scattering, tell: &mut dyn FnMut(Input)) {
-    match scattering {
-        Scattering::Black | Scattering::Interface => {}
-        // One that is not the same all round lies along the texture coordinates.
-        Scattering::Measured(measured) if !measured.is_isotropic() => tell(Input::Other),
-        Scattering::Measured(_) => {}
-        Scattering::Diffuse(color) => tell(Input::Color(color)),
-        Scattering::Conductor(conductor) => of_conductor(conductor, tell),
-        Scattering::Coated(coated) => {
-            let CoatedConductor { metal, roughness, across, .. } = &**coated;
-            of_conductor(metal, tell);
-            tell(Input::Scalar(roughness));
-            across.iter().for_each(|a| tell(Input::Scalar(a)));
-        }
-        Scattering::Principled(p) => of_principled(p, tell),
-        Scattering::DiffuseTransmission(colors) => colors.iter().for_each(|c| tell(Input::Color(c))),
-        Scattering::Hair(hair) => {
-            let Hair { pigment, beta_m, beta_n, alpha, .. } = &**hair;
-            [beta_m, beta_n, alpha].into_iter().for_each(|s| tell(Input::Scalar(s)));
-            match pigment {
-                Pigment::Absorption(_) => {}
-                Pigment::AbsorptionMap(graph) => tell(Input::Colors(graph)),
-                Pigment::Reflectance(color) => tell(Input::Color(color)),
-                Pigment::Melanin { eumelanin, pheomelanin, .. } => {
-                    [eumelanin, pheomelanin].into_iter().for_each(|s| tell(Input::Scalar(s)));
-                }
-            }
-        }
-        Scattering::Mix(mix) => {
-            mix.0.iter().for_each(|part| of(part, tell));
-            tell(Input::Scalar(&mix.1));
-        }
-    }
-}
-
-fn of_conductor(conductor: &Conductor, tell: &mut dyn FnMut(Input)) {
-    tell(Input::Scalar(&conductor.alpha));
-    conductor.across.iter().for_each(|a| tell(Input::Scalar(a)));
-}
-
-fn of_principled(p: &Principled, tell: &mut dyn FnMut(Input)) {
-    [&p.base_color, &p.specular_color].into_iter().for_each(|c| tell(Input::Color(c)));
-    let numbers = [&p.metallic, &p.roughness, &p.transmission, &p.clearcoat, &p.clearcoat_roughness, &p.specular];
-    numbers.into_iter().for_each(|s| tell(Input::Scalar(s)));
-    match p.anisotropy.as_deref() {
-        Some(Anisotropy::Across(across)) => tell(Input::Scalar(across)),
-        Some(Anisotropy::Brushed { texture: Some(_), .. }) => tell(Input::Other),
-        _ => {}
-    }
-    if let Some(film) = &p.film {
-        [&film.fraction, &film.thickness].into_iter().for_each(|s| tell(Input::Scalar(s)));
-    }
-    if let Some(sheen) = &p.sheen {
-        tell(Input::Color(&sheen.color));
-        tell(Input::Scalar(&sheen.roughness));
     }
 }

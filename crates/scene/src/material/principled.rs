@@ -17,6 +17,7 @@ use self::lobes::{OverFilm, Tint, View};
 use super::anisotropy::Anisotropy;
 use super::energy::{Interface, prepare_mirrors};
 use super::film::{Film, index_of};
+use super::inputs::inputs_struct;
 use super::microfacet::{Ggx, SMOOTH};
 use super::sheen::{self, Sheen};
 use crate::shape::Surface;
@@ -76,6 +77,10 @@ pub struct Principled {
     /// Interfaces against the bodies around it, by the bits of their index; see [`Principled::prepare`].
     pub(crate) against: Vec<(u32, Arc<Interface>)>,
 }
+
+inputs_struct!(Principled {
+    base_color, metallic, roughness, anisotropy, transmission, clearcoat, clearcoat_roughness, specular, specular_color, film, sheen
+} without { ior, dispersion, kind, pane, layered, tinted, interface, coat, against });
 
 const COAT_IOR: f32 = 1.5;
 

@@ -4,6 +4,7 @@
 //! KHR_materials_sheen asks for. What the sheen reflects the layers below go without, by the albedo in the direction of view or of light, whichever is larger.
 
 use super::energy::{Table, computed};
+use super::inputs::inputs_struct;
 use crate::shape::Surface;
 use crate::texture::{Color, Scalar};
 use diopter_light::{SampledSpectrum, SampledWavelengths};
@@ -19,6 +20,8 @@ pub struct Sheen {
     /// √α: small is velvet, seen at the rim only.
     pub roughness: Scalar,
 }
+
+inputs_struct!(Sheen { color, roughness });
 
 impl Sheen {
     pub(super) fn at(&self, surface: &Surface, wavelengths: &SampledWavelengths) -> Option<SheenLobe> {

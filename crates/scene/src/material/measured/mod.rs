@@ -9,6 +9,7 @@ pub(crate) mod adaptive;
 pub(crate) mod half_difference;
 pub(crate) mod warp;
 
+use super::inputs::{Input, Inputs};
 use super::local_scatter::LocalScatter;
 use crate::exact::{exact_enum, exact_struct};
 use adaptive::{Adaptive, AdaptiveLobe};
@@ -18,6 +19,7 @@ use diopter_light::{SampledSpectrum, SampledWavelengths};
 use glam::{Vec2, Vec3};
 use half_difference::{HalfDifference, HalfDifferenceLobe};
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
+use std::sync::Arc;
 
 /// A measured surface.
 #[derive(Clone, Debug)]
@@ -36,6 +38,15 @@ pub(crate) enum Table {
 
 exact_enum!(Table { Adaptive(table), HalfDifference(table) });
 exact_struct!(Measured { table, normal_reflectance, alpha });
+
+/// One that is not the same all round lies along the texture coordinates.
+impl Inputs for Arc<Measured> {
+    fn each_input(&self, tell: &mut dyn FnMut(Input)) {
+        if !self.is_isotropic() {
+            tell(Input::Other);
+        }
+    }
+}
 
 impl Measured {
     /// Bytes of its numbers.
