@@ -38,7 +38,6 @@ pub(crate) fn foreign(format: &'static str, bytes: &[u8], expected: &str) -> Ima
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::{dng, exr};
     use std::io::Cursor;
 

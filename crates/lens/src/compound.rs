@@ -30,7 +30,6 @@ pub use stabilised::tangents_by;
 pub use zoom::{printed_focal_length, printed_focal_lengths, zoom_position};
 
 use crate::batch::single::Batch;
-use crate::glass::D_NM;
 use crate::iris::Iris;
 use crate::paraxial::FirstOrder;
 use crate::prescription::Prescription;
@@ -45,8 +44,7 @@ use std::sync::Arc;
 use tilt::{Tilt, Turned};
 use zoom::focal_length_of;
 
-/// Wavelength at which rays without one are traced, nm.
-pub const REFERENCE_NM: f64 = D_NM;
+pub use crate::system::REFERENCE_NM;
 
 /// What is set on the lens.
 #[derive(Clone, Debug, PartialEq)]

@@ -4,16 +4,18 @@ use crate::Blocked;
 use crate::aperture::Aperture;
 use crate::coating::film::{aluminium, fresnel, quarter_wave};
 use crate::coating::{self, Coating, SurfaceCoating};
-use crate::compound::REFERENCE_NM;
 use crate::diffractive::Diffractive;
 use crate::glare::Finish;
-use crate::glass::Glass;
+use crate::glass::{D_NM, Glass};
 use crate::gradient::{GradedRay, Gradient};
 use crate::iris::Iris;
 use crate::prescription::Prescription;
 use crate::ray::{Apertures, TraceDirection, TracedRay};
 use crate::surface::Profile;
 use glam::{DAffine3, DMat3, DVec2, DVec3, EulerRot};
+
+/// Wavelength at which rays without one are traced, nm.
+pub const REFERENCE_NM: f64 = D_NM;
 
 /// Where focus and zoom stand.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

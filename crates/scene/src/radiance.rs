@@ -13,6 +13,7 @@ mod cone;
 mod first_surface;
 mod incident;
 mod joint;
+mod light_connection;
 mod media;
 mod medium_segment;
 mod next_event;

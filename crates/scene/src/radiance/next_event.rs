@@ -1,34 +1,14 @@
 //! Next-event estimation: light of one lamp, chosen where a path was scattered. Which light, and what it would bring, is one step; what is on the way of its shadow ray, the next.
 
+use super::light_connection::LightConnection;
 use super::path::{Path, SurfaceVertex, Transport};
 use super::tally::Tally;
 use super::to_light::ShadowRay;
 use super::weights::squared_ratio;
-use crate::light::LightSample;
 use crate::light_paths::LightVertices;
 use crate::light_paths::connect::CameraVertex;
-use crate::medium_stack::MediumStack;
 use diopter_light::SampledSpectrum;
 use diopter_light::random::Dimensions;
-use glam::Vec3;
-
-/// A light that was chosen for a vertex of a path. `V`: what a [`Tally`] keeps of the vertex.
-pub(super) struct LightConnection<V> {
-    light_sample: LightSample,
-    /// What comes into the path where nothing is on the way: radiance, with the weights of multiple importance sampling against chance alone.
-    contribution: SampledSpectrum,
-    /// Where the vertex is, where the shadow ray starts, and the bodies that it starts in.
-    point: Vec3,
-    origin: Vec3,
-    medium_stack: MediumStack,
-    /// Squared ratios of the densities of what else finds this light, to that of the choice: the scattered ray, and light paths.
-    by_chance: f32,
-    by_connection: f32,
-    /// Of the path at the vertex.
-    vertex: u32,
-    depth: u32,
-    tallied: V,
-}
 
 impl<'a> Transport<'a> {
     /// Chooses a light for a vertex of a path by numbers from 0 to 1, and a place on it; none where it brings nothing even if nothing is on the way.

@@ -7,9 +7,9 @@
 
 use super::cone::Cone;
 use super::joint::Vertex;
+use super::light_connection::LightConnection;
 use super::media::{MediumScatter, SegmentOutcome};
 use super::medium_segment::MediumSegment;
-use super::next_event::LightConnection;
 use super::prev_scatter::PrevScatter;
 use super::tally::Tally;
 use super::to_light::{MAX_INTERFACES, origin_behind};
