@@ -84,6 +84,8 @@ pub fn merge(raws: &[RawImage]) -> Result<RawImage, HdrError> {
         })
         .collect();
     let (width, height) = (first.mosaic.width, first.mosaic.height);
+    // Linear pictures have three numbers a pixel.
+    let numbers = first.header.cfa.samples_per_pixel();
     let mut mosaic = Raster::new(width, height, 1);
     for (i, to) in mosaic.data.iter_mut().enumerate() {
         let c = first.header.cfa.channel_at(i % width, i / width);
@@ -92,7 +94,7 @@ pub fn merge(raws: &[RawImage]) -> Result<RawImage, HdrError> {
             let h = &order[k].header;
             ((f64::from(order[k].mosaic.data[i]) - h.black_level) / (h.white_level - h.black_level)) as f32
         };
-        let scale_of = |k: usize| parts[k].0 / share_of_time(order[k], i % width, i / width) as f32;
+        let scale_of = |k: usize| parts[k].0 / share_of_time(order[k], i % width / numbers, i / width) as f32;
         // What holds: from the first picture on that is not full; the shortest whatever it says.
         let holds = (0..order.len()).find(|k| signal(*k) < FULL).unwrap_or(order.len() - 1);
         let mut light = signal(holds) * scale_of(holds);

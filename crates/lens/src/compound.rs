@@ -195,6 +195,9 @@ impl CompoundLens {
             Focus::Distance(_) => f64::NAN,
         };
         let focus = Focus::Extension(Millimeters(extension));
+        if !extension.is_finite() {
+            return self.refocused(focus);
+        }
         if self.prescription.is_openings_alone() {
             return Ok(self.clone());
         }

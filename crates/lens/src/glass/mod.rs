@@ -138,7 +138,7 @@ impl Glass {
         if !(n_c <= nd && nd <= n_f && n_f <= n_g) {
             return Err(GlassError::Range {
                 name,
-                what: "indices must rise towards short wavelengths: nC < nd < nF < ng".into(),
+                what: "indices must not fall towards short wavelengths: nC ≤ nd ≤ nF ≤ ng".into(),
             });
         }
         let row = |nm: f64, n: f64| {

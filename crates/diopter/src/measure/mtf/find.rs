@@ -24,14 +24,11 @@ pub fn measure_at(plane: &Plane, [x, y]: [f64; 2], options: &Options) -> Result<
         let start = |at: f64, all: usize| (at as usize).saturating_sub(side / 2).min(all.saturating_sub(side));
         Region { x: start(x, sides[0]), y: start(y, sides[1]), width: side.min(sides[0]), height: side.min(sides[1]) }
     };
-    let mut result = Err(MeasureError::unfit("edge", "the picture is too small", format!("{LEAST_SIDE} pixels a side")));
-    for side in SIDES {
-        result = measure(plane, around(side), options);
-        if result.is_ok() {
-            break;
-        }
-    }
-    result
+    plane.check(plane.whole(), LEAST_SIDE)?;
+    let [larger @ .., smallest] = SIDES;
+    // Where none holds an edge, the smallest says why: it is the least likely to hold something else.
+    let found = larger.into_iter().find_map(|side| measure(plane, around(side), options).ok());
+    found.map_or_else(|| measure(plane, around(smallest), options), Ok)
 }
 
 /// Finds the slanted edges of a picture, each in the largest region around its middle that shows nothing else; from top to bottom. Fails on options out of range, below
