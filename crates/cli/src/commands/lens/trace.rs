@@ -71,7 +71,7 @@ impl Trace {
                 json!({ "film_mm": film.to_array(), "direction": out.direction.to_array(), "opd_waves": opd })
             }
             Err(b) => {
-                writeln!(t, "  blocked at surface {}: {:?}", b.surface + 1, b.why)?;
+                writeln!(t, "  blocked at surface {}: {}", b.surface + 1, b.why)?;
                 json!({ "blocked_at": b.surface + 1, "why": format!("{:?}", b.why) })
             }
         };
