@@ -108,7 +108,7 @@ impl Series {
     }
 
     /// The shots of all pictures. `shot`: focused and metered, and left at another setting; `settled`: its file with all written down that it chose
-    /// ([`Shot::settle`]). Fails where the lens cannot do what is asked.
+    /// ([`Shot::write_resolved`]). Fails where the lens cannot do what is asked.
     pub fn frames(&self, shot: &mut Shot, settled: &ShotFile) -> Result<Vec<Frame>, Problem> {
         // The mode is the camera's own until the file is settled; where nothing changes with time, the moment stays.
         let vary = shot.varies();

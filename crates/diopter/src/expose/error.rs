@@ -4,7 +4,7 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExposeError {
-    /// [`ProgressReporter::cancel`](super::Watch::cancel) was set.
+    /// [`ProgressReporter::cancel`](super::ProgressReporter::cancel) was set.
     #[error("the exposure was stopped")]
     Cancelled,
     /// No pixel or no sample.

@@ -160,7 +160,7 @@ impl Shot {
         Shot::prepare_with(file, Inputs::default(), warn)
     }
 
-    /// The same with scene, lens or body from memory instead of by the names that the shot file has for them. [`Shot::settle`] writes names
+    /// The same with scene, lens or body from memory instead of by the names that the shot file has for them. [`Shot::write_resolved`] writes names
     /// only: a shot file cannot hold what was in memory. Fails as [`Shot::prepare`].
     pub fn prepare_with(file: &ShotFile, inputs: Inputs, warn: &mut dyn FnMut(&str)) -> Result<Shot, ShotError> {
         Shot::prepare_cached(file, inputs, &mut SceneCache::new(), warn)

@@ -306,7 +306,7 @@ mod tests {
         assert!(told("camera.colour", "2").contains("a key of the shot file"));
         let wrong = told("iso", "fast");
         assert!(wrong.starts_with("iso \"fast\"") && wrong.contains("ISO 400"), "{wrong}");
-        assert!(told("spp", "many").contains("u32"), "{}", told("spp", "many"));
+        assert!(told("spp", "many").contains("1 to 16777216"), "{}", told("spp", "many"));
         assert!(told("tone", "steep").contains("reinhard"));
         // As flags say it, by their names and by their keys.
         assert!(told("flicker", "slow").contains("mains 50 Hz"), "{}", told("flicker", "slow"));
