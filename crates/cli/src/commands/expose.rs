@@ -46,7 +46,7 @@ pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
                 warn("fireflies are kept: what is larger than memory is not re-weighted");
             }
             if shot.diffracts() && !shot.radiance && shot.spectral.is_none() {
-                warn("stars of lamps are noisy: in what is larger than memory their light is gathered like all other");
+                warn("starbursts of lamps are noisy: in what is larger than memory their light is gathered like all other");
             }
             let (mut exposed, kept) = checkpoint::expose_rows(&shot, &args.taking, &args.output, "exposing", cache)?;
             let seconds = started.elapsed().as_secs_f64();

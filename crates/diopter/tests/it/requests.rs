@@ -230,7 +230,7 @@ fn a_lamp_in_a_void_is_told_of_the_studio() {
     let text = std::fs::read_to_string(&model.0).unwrap();
     let library = materials.file_name().unwrap().to_string_lossy().into_owned();
     std::fs::write(&model.0, format!("mtllib {library}\nusemtl lamp\n{text}")).unwrap();
-    let hint = |said: &[String]| said.iter().any(|s| s.contains("void") && s.contains("--light studio"));
+    let hint = |said: &[String]| said.iter().any(|s| s.contains("black background") && s.contains("--light studio"));
     let (own, said) = told(&model.shot(""));
     assert!(hint(&said) && own.scene.lights().environment.is_none(), "{said:?}");
     assert!(!hint(&told(&model.shot("light = \"none\"\n")).1));

@@ -127,7 +127,7 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
     };
     let read = std::cell::RefCell::new(read);
     let loaded = tobj::load_obj_buf(&mut Cursor::new(bytes), &options, |p| (read.borrow_mut())(p));
-    let (models, materials) = loaded.map_err(|e| match bad_line(bytes) {
+    let (models, materials) = loaded.map_err(|e| match bad_line(bytes).or_else(|| foreign_line(bytes)) {
         Some(bad) => told(bad),
         None => error(name.to_owned(), e.to_string(), "an OBJ file"),
     })?;

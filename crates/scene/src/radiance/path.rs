@@ -532,7 +532,16 @@ mod tests {
     #[test]
     fn paths_on_their_way_together_are_what_each_is_alone() {
         for name in ["cornell", "still-life", "night"] {
-            let scene = Scene::build(builtin::named(name).unwrap()).unwrap();
+            let description = builtin::named(name).unwrap();
+            let view = description.cameras.first().map(|camera| camera.world_from_camera);
+            let framing = builtin::framing(name);
+            let view = view.unwrap_or_else(|| {
+                let framing = framing.as_ref().unwrap();
+                let back = (framing.look_from - framing.look_at).normalize();
+                let right = Vec3::Y.cross(back).normalize();
+                glam::Affine3A::from_cols(right.into(), back.cross(right).into(), back.into(), framing.look_from.into())
+            });
+            let scene = Scene::build(description).unwrap();
             let settings = PathSettings::default();
             let transport = Transport { scene: &scene, settings: &settings };
             let wavelengths = WavelengthSampler::uniform();
@@ -540,8 +549,8 @@ mod tests {
                 .map(|i| {
                     let sampler = Sampler::new(SamplerKind::Sobol, 5, (i % 8, i / 8), 0, 1);
                     let [u, v, ..] = sampler.get(Dimensions::Camera);
-                    let direction = Vec3::new(u - 0.5, v - 0.5, -1.0).normalize();
-                    let ray = Ray { origin: Vec3::new(0.0, 1.0, 2.0), direction, time_s: 0.0 };
+                    let direction = view.transform_vector3(0.5 * Vec3::new(u - 0.5, v - 0.5, -2.0)).normalize();
+                    let ray = Ray { origin: view.translation.into(), direction, time_s: 0.0 };
                     CameraPath::new(ray, wavelengths.sample(sampler.get(Dimensions::Time)[0]), sampler)
                 })
                 .collect();
