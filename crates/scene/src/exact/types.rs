@@ -5,8 +5,8 @@ use crate::light::punctual::{Pattern, Spread};
 use crate::light::{Modulation, Punctual, PunctualKind, SpotEdge};
 use crate::material::conductor::FacetBounces;
 use crate::material::{
-    Anisotropy, Bump, BumpUnit, Conductor, Coverage, DEEPEST_MIX, Emission, EmissionColor, Film, Hair, Interior, Material,
-    Measured, Pigment, Principled, Scattering, Sheen, Transmission,
+    Bump, BumpUnit, Conductor, Coverage, DEEPEST_MIX, Emission, EmissionColor, Hair, Interior, Material, Measured, Pigment,
+    Scattering,
 };
 use crate::medium::{Air, Cloud, Coefficient, Field, Glow, Medium, Scalars};
 use crate::motion::Parts;
@@ -59,10 +59,6 @@ exact_struct!(Material { name, scattering, emission, normal_map, bump, coverage,
 exact_enum!(Interior { Same, Body { medium, priority }, Sides(sides) });
 exact_enum!(FacetBounces { Compensated, Lost });
 exact_struct!(Conductor { n, k, alpha, across, bounces });
-exact_enum!(Transmission { Thin, Solid });
-exact_enum!(Anisotropy { Across(roughness), Brushed { strength, rotation, texture } });
-exact_struct!(Film { fraction, ior, between_nm, thickness });
-exact_struct!(Sheen { color, roughness });
 exact_struct!(Hair { pigment, eta, beta_m, beta_n, alpha });
 exact_enum!(Pigment { Absorption(spectrum), AbsorptionMap(graph), Reflectance(color), Melanin { eumelanin, pheomelanin, spectra } });
 exact_enum!(Coverage { Full, Mask { alpha, cutoff }, Blend(alpha) });
@@ -297,47 +293,6 @@ macro_rules! scattering {
     };
 }
 scattering!(Diffuse, Conductor, Coated, Principled, DiffuseTransmission, Hair, Measured, Mix);
-
-/// Fields of [`Principled`] beside its index and its base colour, from which its tables come.
-macro_rules! principled {
-    ($($field:ident),+) => {
-        impl Exact for Principled {
-            fn write(&self, sink: &mut Sink) -> Value {
-                let mut object = serde_json::Map::new();
-                object.insert("base_color".to_owned(), self.base_color.write(sink));
-                object.insert("ior".to_owned(), self.ior.write(sink));
-                $( object.insert(stringify!($field).to_owned(), self.$field.write(sink)); )+
-                Value::Object(object)
-            }
-
-            fn read(value: &Value, source: &Source) -> Result<Self, String> {
-                let ior: f32 = field(value, "ior", source)?;
-                if !(ior > 0.0 && ior.is_finite()) {
-                    return Err(format!("an index of {ior}"));
-                }
-                let plain = Principled::new(field(value, "base_color", source)?, ior);
-                Ok(Principled { $( $field: field(value, stringify!($field), source)?, )+ ..plain })
-            }
-        }
-    };
-}
-principled!(
-    metallic,
-    roughness,
-    anisotropy,
-    dispersion,
-    transmission,
-    kind,
-    pane,
-    layered,
-    clearcoat,
-    clearcoat_roughness,
-    specular,
-    specular_color,
-    tinted,
-    film,
-    sheen
-);
 
 impl Exact for Curves {
     fn write(&self, sink: &mut Sink) -> Value {

@@ -2,6 +2,7 @@
 
 use super::inputs::inputs_enum;
 use super::microfacet::Ggx;
+use crate::exact::exact_enum;
 use crate::shape::Surface;
 use crate::texture::{Scalar, Texture};
 use glam::{Vec2, Vec3};
@@ -23,6 +24,7 @@ pub enum Anisotropy {
     },
 }
 
+exact_enum!(Anisotropy { Across(roughness), Brushed { strength, rotation, texture } });
 inputs_enum!(Anisotropy { Across(roughness), Brushed { strength, rotation, texture } });
 
 /// The surface's tangent, made unit and perpendicular to the normal `ns`; `None` where it has none.

@@ -8,6 +8,7 @@ use super::energy::{Interface, mirror_albedo_at};
 use super::inputs::inputs_struct;
 use super::microfacet::{Ggx, cosine_of};
 use super::polarization::{self, InPlane};
+use crate::exact::exact_struct;
 use crate::shape::Surface;
 use crate::texture::Scalar;
 use diopter_light::{SampledSpectrum, SampledWavelengths};
@@ -27,6 +28,7 @@ pub struct Film {
     pub thickness: Scalar,
 }
 
+exact_struct!(Film { fraction, ior, between_nm, thickness });
 inputs_struct!(Film { fraction, thickness } without { ior, between_nm });
 
 impl Film {

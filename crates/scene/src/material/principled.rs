@@ -17,13 +17,15 @@ use self::lobes::{OverFilm, Tint, View};
 use super::anisotropy::Anisotropy;
 use super::energy::{Interface, prepare_mirrors};
 use super::film::{Film, index_of};
-use super::inputs::inputs_struct;
+use super::inputs::{Inputs, inputs_struct};
 use super::microfacet::{Ggx, SMOOTH};
 use super::sheen::{self, Sheen};
+use crate::exact::{Exact, Sink, Source, exact_enum, field};
 use crate::shape::Surface;
 use crate::texture::{Color, Scalar};
 use diopter_light::{SampledSpectrum, SampledWavelengths, Spectrum};
 use glam::Vec3;
+use serde_json::Value;
 use std::sync::Arc;
 
 /// What is behind a transmitting surface.
@@ -35,85 +37,105 @@ pub enum Transmission {
     Solid,
 }
 
-/// Parameters of the model.
-#[derive(Clone, Debug)]
-pub struct Principled {
-    /// Albedo of the base, reflectance of the metal, tint of transmission.
-    pub base_color: Color,
-    /// 0 dielectric, 1 metal.
-    pub metallic: Scalar,
-    /// √α of the GGX distribution.
-    pub roughness: Scalar,
-    /// How that differs from one direction to another; not of the coat.
-    pub anisotropy: Option<Box<Anisotropy>>,
-    /// Index of refraction of the dielectric relative to what is around; below 1 of a body that is thinner, such as air in ice.
-    pub ior: f32,
-    /// Index over wavelength, where transmitted light is to be dispersed; reflectances use `ior`.
-    pub dispersion: Option<Spectrum>,
-    /// Fraction of the base that transmits.
-    pub transmission: Scalar,
-    /// What is behind.
-    pub kind: Transmission,
-    /// Thin dielectric with reflections between its two faces (a pane of glass; PBR 4ed, section 9.5); smooth ones only.
-    pub pane: bool,
-    /// Light goes to and fro between the diffuse base and the interface above: bright bases become more saturated.
-    pub layered: bool,
-    /// Strength of the clear coat (index 1.5).
-    pub clearcoat: Scalar,
-    /// √α of the coat.
-    pub clearcoat_roughness: Scalar,
-    /// Strength of the dielectric's reflection; not of bodies that transmit.
-    pub specular: Scalar,
-    /// Tint of what it reflects at normal incidence.
-    pub specular_color: Color,
-    /// Whether the two differ from 1.
-    pub tinted: bool,
-    /// A thin film between the coat and what is below.
-    pub film: Option<Box<Film>>,
-    /// Cloth under the coat.
-    pub sheen: Option<Box<Sheen>>,
-    pub(crate) interface: Arc<Interface>,
-    pub(crate) coat: Arc<Interface>,
-    /// Interfaces against the bodies around it, by the bits of their index; see [`Principled::prepare`].
-    pub(crate) against: Vec<(u32, Arc<Interface>)>,
+exact_enum!(Transmission { Thin, Solid });
+
+impl Inputs for Transmission {}
+
+/// Declares [`Principled`], a line a parameter: name, type, and what it is by [`Principled::new`]. From these lines come the structure, `new`, the form in which
+/// files keep it (their names and order are the file's) and its inputs.
+macro_rules! principled {
+    ($( $(#[$doc:meta])* $field:ident: $type:ty = $default:expr, )+) => {
+        /// Parameters of the model.
+        #[derive(Clone, Debug)]
+        pub struct Principled {
+            /// Albedo of the base, reflectance of the metal, tint of transmission.
+            pub base_color: Color,
+            /// Index of refraction of the dielectric relative to what is around; below 1 of a body that is thinner, such as air in ice.
+            pub ior: f32,
+            $( $(#[$doc])* pub $field: $type, )+
+            pub(crate) interface: Arc<Interface>,
+            pub(crate) coat: Arc<Interface>,
+            /// Interfaces against the bodies around it, by the bits of their index; see [`Principled::prepare`].
+            pub(crate) against: Vec<(u32, Arc<Interface>)>,
+        }
+
+        impl Principled {
+            /// A dielectric of an index with a diffuse base of a colour, fully rough; change what differs. An index below 1 is for bodies that transmit: they
+            /// reflect totally from outside. It is at least 0.1, and 1 itself is taken for 1.0001.
+            pub fn new(base_color: Color, ior: f32) -> Self {
+                let ior = if ior < 1.0 { ior.clamp(0.1, 0.9999) } else { ior.max(1.0001) };
+                Principled {
+                    base_color,
+                    ior,
+                    $( $field: $default, )+
+                    // Tables are of the denser side against the thinner, whichever the body is.
+                    interface: Interface::of(ior.max(1.0 / ior)),
+                    coat: Interface::of(COAT_IOR),
+                    against: Vec::new(),
+                }
+            }
+        }
+
+        impl Exact for Principled {
+            fn write(&self, sink: &mut Sink) -> Value {
+                let mut object = serde_json::Map::new();
+                object.insert("base_color".to_owned(), self.base_color.write(sink));
+                object.insert("ior".to_owned(), self.ior.write(sink));
+                $( object.insert(stringify!($field).to_owned(), self.$field.write(sink)); )+
+                Value::Object(object)
+            }
+
+            fn read(value: &Value, source: &Source) -> Result<Self, String> {
+                let ior: f32 = field(value, "ior", source)?;
+                if !(ior > 0.0 && ior.is_finite()) {
+                    return Err(format!("an index of {ior}"));
+                }
+                // Its tables come from these two.
+                let plain = Principled::new(field(value, "base_color", source)?, ior);
+                Ok(Principled { $( $field: field(value, stringify!($field), source)?, )+ ..plain })
+            }
+        }
+
+        inputs_struct!(Principled { base_color, $( $field, )+ } without { ior, interface, coat, against });
+    };
 }
 
-inputs_struct!(Principled {
-    base_color, metallic, roughness, anisotropy, transmission, clearcoat, clearcoat_roughness, specular, specular_color, film, sheen
-} without { ior, dispersion, kind, pane, layered, tinted, interface, coat, against });
+principled! {
+    /// 0 dielectric, 1 metal.
+    metallic: Scalar = Scalar::Constant(0.0),
+    /// √α of the GGX distribution.
+    roughness: Scalar = Scalar::Constant(1.0),
+    /// How that differs from one direction to another; not of the coat.
+    anisotropy: Option<Box<Anisotropy>> = None,
+    /// Index over wavelength, where transmitted light is to be dispersed; reflectances use `ior`.
+    dispersion: Option<Spectrum> = None,
+    /// Fraction of the base that transmits.
+    transmission: Scalar = Scalar::Constant(0.0),
+    /// What is behind.
+    kind: Transmission = Transmission::Thin,
+    /// Thin dielectric with reflections between its two faces (a pane of glass; PBR 4ed, section 9.5); smooth ones only.
+    pane: bool = false,
+    /// Light goes to and fro between the diffuse base and the interface above: bright bases become more saturated.
+    layered: bool = false,
+    /// Strength of the clear coat (index 1.5).
+    clearcoat: Scalar = Scalar::Constant(0.0),
+    /// √α of the coat.
+    clearcoat_roughness: Scalar = Scalar::Constant(0.0),
+    /// Strength of the dielectric's reflection; not of bodies that transmit.
+    specular: Scalar = Scalar::Constant(1.0),
+    /// Tint of what it reflects at normal incidence.
+    specular_color: Color = Color::rgb(1.0, 1.0, 1.0),
+    /// Whether the two differ from 1.
+    tinted: bool = false,
+    /// A thin film between the coat and what is below.
+    film: Option<Box<Film>> = None,
+    /// Cloth under the coat.
+    sheen: Option<Box<Sheen>> = None,
+}
 
 const COAT_IOR: f32 = 1.5;
 
 impl Principled {
-    /// A dielectric of an index with a diffuse base of a colour, fully rough; change what differs. An index below 1 is for bodies that transmit: they
-    /// reflect totally from outside. It is at least 0.1, and 1 itself is taken for 1.0001.
-    pub fn new(base_color: Color, ior: f32) -> Self {
-        let ior = if ior < 1.0 { ior.clamp(0.1, 0.9999) } else { ior.max(1.0001) };
-        Principled {
-            base_color,
-            metallic: Scalar::Constant(0.0),
-            roughness: Scalar::Constant(1.0),
-            anisotropy: None,
-            ior,
-            dispersion: None,
-            transmission: Scalar::Constant(0.0),
-            kind: Transmission::Thin,
-            pane: false,
-            layered: false,
-            clearcoat: Scalar::Constant(0.0),
-            clearcoat_roughness: Scalar::Constant(0.0),
-            specular: Scalar::Constant(1.0),
-            specular_color: Color::rgb(1.0, 1.0, 1.0),
-            tinted: false,
-            film: None,
-            sheen: None,
-            // Tables are of the denser side against the thinner, whichever the body is.
-            interface: Interface::of(ior.max(1.0 / ior)),
-            coat: Interface::of(COAT_IOR),
-            against: Vec::new(),
-        }
-    }
-
     /// Computes every table that rays will ask for; `around`: indices of the bodies that it may lie in or touch. Without it the first
     /// rays compute them.
     pub(super) fn prepare(&mut self, around: &[f32]) {

@@ -5,6 +5,7 @@
 
 use super::energy::{Table, computed};
 use super::inputs::inputs_struct;
+use crate::exact::exact_struct;
 use crate::shape::Surface;
 use crate::texture::{Color, Scalar};
 use diopter_light::{SampledSpectrum, SampledWavelengths};
@@ -21,6 +22,7 @@ pub struct Sheen {
     pub roughness: Scalar,
 }
 
+exact_struct!(Sheen { color, roughness });
 inputs_struct!(Sheen { color, roughness });
 
 impl Sheen {
