@@ -17,6 +17,7 @@ pub mod light;
 pub mod light_paths;
 pub mod load;
 pub mod material;
+mod material_extensions;
 pub mod medium;
 mod medium_stack;
 pub mod motion;

@@ -174,6 +174,14 @@ impl Color {
         Color::Spectrum(Arc::new(MeasuredColor { spectrum, rgb }))
     }
 
+    /// A factor (linear sRGB) times an image, if there is one.
+    pub(crate) fn with_picture(factor: Vec3, picture: Option<Texture>) -> Self {
+        match picture {
+            Some(texture) => Color::Textured { factor, texture },
+            None => Color::rgb(factor.x, factor.y, factor.z),
+        }
+    }
+
     /// Reflectance at the wavelengths of a path, 0 to 1; the colours of the mesh's vertices multiply it, but for measured reflectances.
     #[inline]
     pub fn sample(&self, surface: &Surface, wavelengths: &SampledWavelengths) -> SampledSpectrum {
@@ -224,6 +232,14 @@ pub enum Scalar {
 }
 
 impl Scalar {
+    /// A factor times a channel (0 R, 1 G, 2 B, 3 A) of an image, if there is one.
+    pub(crate) fn with_picture(factor: f32, picture: Option<Texture>, channel: usize) -> Self {
+        match picture {
+            Some(texture) => Scalar::Textured { factor, texture, channel },
+            None => Scalar::Constant(factor),
+        }
+    }
+
     /// Size of a texel of its finest picture, in texture coordinates; 0 without one.
     pub fn texel(&self) -> f32 {
         match self {

@@ -1,7 +1,7 @@
 //! glTF 2.0: `.gltf` and `.glb` into a [`Description`].
 //!
 //! Units are glTF's: metres, candela, lux, cd/m² for emission. Nodes, animations, skins and morph targets are read by `motion`. Extensions:
-//! KHR_lights_punctual, KHR_materials_{emissive_strength, ior, transmission, clearcoat, unlit, volume, dispersion, variants, specular, sheen, anisotropy, iridescence},
+//! KHR_lights_punctual, KHR_materials_{emissive_strength, ior, transmission, unlit, volume, variants}, those of `material_extensions`,
 //! KHR_texture_transform, EXT_mesh_gpu_instancing, EXT_lights_ies, KHR_gaussian_splatting and its SPZ compression (`splats`), and what `packed` unpacks; another one that a file requires is an error, one it only uses a warning. Files are opened by the
 //! caller: `fetch` gets the URIs of buffers and images.
 
@@ -34,19 +34,14 @@ use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Arc;
 
+/// Extensions beside those of `material_extensions`, `packed` and `splats`.
 const SUPPORTED: &[&str] = &[
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_transmission",
-    "KHR_materials_clearcoat",
     "KHR_materials_unlit",
     "KHR_materials_volume",
-    "KHR_materials_dispersion",
-    "KHR_materials_specular",
-    "KHR_materials_sheen",
-    "KHR_materials_anisotropy",
-    "KHR_materials_iridescence",
     "KHR_materials_variants",
     "KHR_texture_transform",
     "EXT_mesh_gpu_instancing",

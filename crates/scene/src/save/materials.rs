@@ -1,8 +1,9 @@
-//! Materials as glTF writes them.
+//! Materials as glTF writes them; extensions that say something of a principled material alone are in [`crate::material_extensions`].
 
 use super::Writer;
 use super::{clamped, light_rgb};
 use crate::material::{Anisotropy, Coverage, EmissionColor, Interior, Material, Principled, Scattering, Transmission};
+use crate::material_extensions::{EXTENSIONS, Sink};
 use crate::medium::Coefficient;
 use crate::texture::{Codes, Lookup, Scalar, spectrum_rgb};
 use diopter_light::Spectrum;
@@ -214,66 +215,12 @@ impl Writer {
         }
         if matches!(p.kind, Transmission::Solid) {
             self.volume(m, extensions);
-            if let Some(n) = &p.dispersion {
-                let abbe = (n.at(587.56) - 1.0) / (n.at(486.13) - n.at(656.27)).max(1e-6);
-                self.extensions.insert("KHR_materials_dispersion");
-                extensions["KHR_materials_dispersion"] = json!({ "dispersion": (20.0 / abbe).max(0.0) });
-            }
         }
-        if p.tinted {
-            let (weight, (tint, _)) = (self.number(&p.specular), self.color(&p.specular_color));
-            self.extensions.insert("KHR_materials_specular");
-            extensions["KHR_materials_specular"] = json!({ "specularFactor": weight, "specularColorFactor": tint.to_array() });
-        }
-        if let Some(Anisotropy::Brushed { strength, rotation, texture }) = p.anisotropy.as_deref() {
-            self.extensions.insert("KHR_materials_anisotropy");
-            let mut anisotropy = json!({ "anisotropyStrength": strength, "anisotropyRotation": rotation });
-            if let Some(texture) = texture {
-                anisotropy["anisotropyTexture"] = self.texture(texture);
+        for extension in EXTENSIONS {
+            if let Some(json) = (extension.write)(p, self) {
+                self.extensions.insert(extension.name);
+                extensions[extension.name] = json;
             }
-            extensions["KHR_materials_anisotropy"] = anisotropy;
-        }
-        if let Some(sheen) = &p.sheen {
-            self.extensions.insert("KHR_materials_sheen");
-            let (rgb, picture) = self.color(&sheen.color);
-            let mut json = json!({ "sheenColorFactor": clamped(rgb), "sheenRoughnessFactor": self.factor(&sheen.roughness) });
-            if let Some(picture) = picture {
-                json["sheenColorTexture"] = picture;
-            }
-            if let Scalar::Textured { factor, texture, channel: 3 } = &sheen.roughness {
-                json["sheenRoughnessFactor"] = json!(factor);
-                json["sheenRoughnessTexture"] = self.texture(texture);
-            }
-            extensions["KHR_materials_sheen"] = json;
-        }
-        if let Some(film) = &p.film {
-            self.extensions.insert("KHR_materials_iridescence");
-            let [thin, thick] = film.between_nm;
-            let mut json = json!({
-                "iridescenceFactor": self.factor(&film.fraction),
-                "iridescenceIor": film.ior,
-                "iridescenceThicknessMinimum": thin,
-                "iridescenceThicknessMaximum": thick,
-            });
-            for (scalar, channel, name) in
-                [(&film.fraction, 0, "iridescenceTexture"), (&film.thickness, 1, "iridescenceThicknessTexture")]
-            {
-                if let Scalar::Textured { factor, texture, channel: c } = scalar
-                    && *c == channel
-                {
-                    json[name] = self.texture(texture);
-                    if channel == 0 {
-                        json["iridescenceFactor"] = json!(factor);
-                    }
-                }
-            }
-            extensions["KHR_materials_iridescence"] = json;
-        }
-        let coat = self.number(&p.clearcoat);
-        if coat > 0.0 {
-            let roughness = self.number(&p.clearcoat_roughness);
-            self.extensions.insert("KHR_materials_clearcoat");
-            extensions["KHR_materials_clearcoat"] = json!({ "clearcoatFactor": coat, "clearcoatRoughnessFactor": roughness });
         }
     }
 

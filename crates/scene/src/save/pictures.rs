@@ -1,6 +1,7 @@
 //! Pictures and patterns as glTF writes them.
 
 use super::Writer;
+use crate::material_extensions::Sink;
 use crate::texture::{Codes, Color, Image, Interpolation, Lookup, Scalar, Texel, Texture, Wrap};
 use diopter_light::color::srgb_encode;
 use glam::{Vec2, Vec3, Vec4};
@@ -50,8 +51,30 @@ impl Writer {
         self.images.len() - 1
     }
 
-    /// A reference to a picture with its wrapping and its transform.
-    pub(super) fn texture(&mut self, texture: &Texture) -> Value {
+    /// A picture of what a function has over the unit square of texture coordinates; codes by the sRGB function, or as they are.
+    pub(super) fn baked(&mut self, codes: Codes, f: impl Fn(&[Vec2; 2]) -> Vec4) -> Value {
+        const SIDE: usize = 512;
+        let encode = |v: f32| match codes {
+            Codes::Srgb => srgb_encode(v.clamp(0.0, 1.0)),
+            Codes::Linear => v.clamp(0.0, 1.0),
+        };
+        let mut rgba = Vec::with_capacity(SIDE * SIDE * 4);
+        for y in 0..SIDE {
+            for x in 0..SIDE {
+                let uv = Vec2::new((x as f32 + 0.5) / SIDE as f32, (y as f32 + 0.5) / SIDE as f32);
+                let c = f(&[uv; 2]);
+                rgba.extend([encode(c.x), encode(c.y), encode(c.z), c.w.clamp(0.0, 1.0)].map(|v| (v * 255.0 + 0.5) as u8));
+            }
+        }
+        let source = self.png(SIDE, SIDE, rgba);
+        self.textures.push(json!({ "source": source }));
+        json!({ "index": self.textures.len() - 1 })
+    }
+}
+
+impl Sink for Writer {
+    /// With its wrapping and its transform.
+    fn texture(&mut self, texture: &Texture) -> Value {
         let source = self.image(&texture.image);
         let mut wrap = |w: Wrap| match w {
             Wrap::Repeat => 10_497,
@@ -80,28 +103,7 @@ impl Writer {
         info
     }
 
-    /// A picture of what a function has over the unit square of texture coordinates; codes by the sRGB function, or as they are.
-    pub(super) fn baked(&mut self, codes: Codes, f: impl Fn(&[Vec2; 2]) -> Vec4) -> Value {
-        const SIDE: usize = 512;
-        let encode = |v: f32| match codes {
-            Codes::Srgb => srgb_encode(v.clamp(0.0, 1.0)),
-            Codes::Linear => v.clamp(0.0, 1.0),
-        };
-        let mut rgba = Vec::with_capacity(SIDE * SIDE * 4);
-        for y in 0..SIDE {
-            for x in 0..SIDE {
-                let uv = Vec2::new((x as f32 + 0.5) / SIDE as f32, (y as f32 + 0.5) / SIDE as f32);
-                let c = f(&[uv; 2]);
-                rgba.extend([encode(c.x), encode(c.y), encode(c.z), c.w.clamp(0.0, 1.0)].map(|v| (v * 255.0 + 0.5) as u8));
-            }
-        }
-        let source = self.png(SIDE, SIDE, rgba);
-        self.textures.push(json!({ "source": source }));
-        json!({ "index": self.textures.len() - 1 })
-    }
-
-    /// Factor and picture of a colour.
-    pub(super) fn color(&mut self, color: &Color) -> (Vec3, Option<Value>) {
+    fn color(&mut self, color: &Color) -> (Vec3, Option<Value>) {
         match color {
             Color::Constant { rgb, .. } => (*rgb, None),
             Color::Spectrum(measured) => (measured.rgb, None),
@@ -117,7 +119,7 @@ impl Writer {
         }
     }
 
-    pub(super) fn number(&mut self, scalar: &Scalar) -> f32 {
+    fn number(&mut self, scalar: &Scalar) -> f32 {
         match scalar {
             Scalar::Constant(v) => *v,
             other => {

@@ -2,6 +2,7 @@
 
 use super::{SUPPORTED, error, packed, splats};
 use crate::SceneError;
+use crate::material_extensions::EXTENSIONS;
 
 pub(super) fn label(name: Option<&str>) -> String {
     name.map_or_else(String::new, |n| format!(" \"{n}\""))
@@ -146,7 +147,8 @@ pub(super) fn check_attributes(json: &gltf::json::Root, name: &str) -> Result<()
 
 /// All extensions that are read, wherever.
 fn supported() -> impl Iterator<Item = &'static str> {
-    [SUPPORTED, &packed::EXTENSIONS, &splats::EXTENSIONS].into_iter().flatten().copied()
+    let others = [SUPPORTED, &packed::EXTENSIONS, &splats::EXTENSIONS].into_iter().flatten().copied();
+    EXTENSIONS.iter().map(|e| e.name).chain(others)
 }
 
 pub(super) fn is_supported(extension: &str) -> bool {

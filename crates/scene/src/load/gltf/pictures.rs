@@ -42,8 +42,7 @@ impl Loader<'_> {
     }
 
     /// A texture reference in plain JSON, for extensions the reader does not know.
-    pub(super) fn json_texture(&self, value: Option<&Value>, codes: Codes) -> Option<Texture> {
-        let value = value?;
+    pub(super) fn json_texture(&self, value: &Value, codes: Codes) -> Option<Texture> {
         let texture = self.document.textures().nth(value.get("index")?.as_u64()? as usize)?;
         let set = value.get("texCoord").and_then(Value::as_u64).unwrap_or(0) as u32;
         let (set, matrix) = json_transform(value.get("extensions"), set);
