@@ -48,7 +48,7 @@ pub(super) struct Spread {
     /// When these are open, s.
     pub windows: [Option<(f64, f64)>; 4],
     /// Where the pixel as a whole lands, where that is asked for.
-    pub squares: Option<[PixelFootprint; 3]>,
+    pub footprints: Option<[PixelFootprint; 3]>,
     /// When the sample was taken, s, and where in the pupil.
     pub time: f64,
     pub pupil: f64,
@@ -279,14 +279,14 @@ impl Unit<'_> {
         let windows = lands.map(|p| p.map(|(x, y)| self.window(x, y, pupil)));
         let union = |a: (f64, f64), w: (f64, f64)| (a.0.min(w.0), a.1.max(w.1));
         let mut all = windows.iter().copied().flatten().fold((f64::INFINITY, f64::NEG_INFINITY), union);
-        let squares = match spread && uses_variate {
-            true => self.squares([x, y], started, &exits.lands[k]),
+        let footprints = match spread && uses_variate {
+            true => self.footprints([x, y], started, &exits.lands[k]),
             false => None,
         };
-        if let Some(squares) = &squares
+        if let Some(footprints) = &footprints
             && self.shutter.differs_by_pixel()
         {
-            let below = squares.iter().flat_map(PixelFootprint::parts).map(|([x, y], _)| self.window(x, y, pupil));
+            let below = footprints.iter().flat_map(PixelFootprint::parts).map(|([x, y], _)| self.window(x, y, pupil));
             all = below.fold(all, union);
         }
         if all.0 >= all.1 {
@@ -316,7 +316,7 @@ impl Unit<'_> {
             true => exits.lands[k].map(|land| glam::Vec2::from_array(land).as_dvec2() + filter),
             false => [started + filter; 4],
         };
-        let spread = spread.then_some(Spread { lands, windows, squares, time, pupil });
+        let spread = spread.then_some(Spread { lands, windows, footprints, time, pupil });
         let pixel = [x, y];
         Some(CameraRay { pixel, sampler, ray, wavelengths, exposure, weights, factors, displaced, arrived, spread, drawn })
     }
@@ -416,15 +416,15 @@ impl Unit<'_> {
 
     /// Where the pixel as a whole lands at each wavelength but the hero's; `None` where not all of it lands on the film, where which wavelengths are collected depends on
     /// the place in the pixel.
-    fn squares(&self, pixel: [usize; 2], started: DVec2, lands: &[[f32; 2]; 4]) -> Option<[PixelFootprint; 3]> {
+    fn footprints(&self, pixel: [usize; 2], started: DVec2, lands: &[[f32; 2]; 4]) -> Option<[PixelFootprint; 3]> {
         let film = &self.camera.film;
-        let mut squares = [None; 3];
-        for (square, land) in squares.iter_mut().zip(&lands[1..]) {
+        let mut footprints = [None; 3];
+        for (footprint, land) in footprints.iter_mut().zip(&lands[1..]) {
             let moved = glam::Vec2::from_array(*land).as_dvec2() - started;
             let displaced = [-moved.x * film.columns as f64 / film.width_mm, moved.y * film.rows as f64 / film.height_mm];
-            *square = Some(PixelFootprint::new(film, pixel, displaced)?);
+            *footprint = Some(PixelFootprint::new(film, pixel, displaced)?);
         }
-        let [Some(a), Some(b), Some(c)] = squares else { return None };
+        let [Some(a), Some(b), Some(c)] = footprints else { return None };
         Some([a, b, c])
     }
 

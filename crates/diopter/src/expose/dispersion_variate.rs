@@ -36,16 +36,16 @@ pub(super) struct PixelFootprint {
 impl PixelFootprint {
     /// The pixel at a column and row, displaced; `None` where not all of it lies on the film.
     pub fn new(film: &Film, pixel: [usize; 2], displaced_px: [f64; 2]) -> Option<PixelFootprint> {
-        let mut square = PixelFootprint { first: [0; 2], beyond: [0.0; 2] };
+        let mut footprint = PixelFootprint { first: [0; 2], beyond: [0.0; 2] };
         for (k, size) in [film.columns, film.rows].into_iter().enumerate() {
             let at = pixel[k] as f64 + displaced_px[k];
             if !(at >= 0.0 && at <= (size - 1) as f64) {
                 return None;
             }
-            square.first[k] = at as usize;
-            square.beyond[k] = at.fract() as f32;
+            footprint.first[k] = at as usize;
+            footprint.beyond[k] = at.fract() as f32;
         }
-        Some(square)
+        Some(footprint)
     }
 
     /// The pixels below it and how much of it lies in each.
@@ -69,7 +69,7 @@ pub(super) struct WavelengthHit {
     /// What a radiance is worth, without the response of a band.
     pub gain: f32,
     pub pixel: [usize; 2],
-    pub square: PixelFootprint,
+    pub footprint: PixelFootprint,
     /// When it arrives, s, and where in the pupil.
     pub time: f64,
     pub pupil: f64,
@@ -135,7 +135,7 @@ pub(super) struct DispersionVariate {
     /// What the pixels up to one in each column had, those in the row above where there are none yet in this one: `[column][pair]`.
     before: Vec<Roots>,
     /// Those of the pixel under way, with the number of their sample, rising.
-    landings: Vec<(u32, WavelengthHit)>,
+    hits: Vec<(u32, WavelengthHit)>,
     pixel: Option<[usize; 2]>,
     around: [Around; 2],
 }
@@ -203,7 +203,7 @@ impl DispersionVariate {
             pairs,
             left: columns.start,
             before: vec![Roots::default(); pairs * columns.len()],
-            landings: Vec::new(),
+            hits: Vec::new(),
             pixel: None,
             around: Default::default(),
         })
@@ -221,9 +221,9 @@ impl DispersionVariate {
     }
 
     /// Notes a wavelength of a sample of a pixel, of which even ones belong to one replicate, odd ones to the other.
-    pub fn note(&mut self, pixel: [usize; 2], sample: u32, landing: WavelengthHit) {
+    pub fn note(&mut self, pixel: [usize; 2], sample: u32, hit: WavelengthHit) {
         self.pixel = Some(pixel);
-        self.landings.push((sample, landing));
+        self.hits.push((sample, hit));
     }
 
     /// Ends a pixel. `response`: of groups of bands to a wavelength (nm); `open`: whether a pixel takes what landed in another one at its time; `add`: told a pixel, a
@@ -238,29 +238,29 @@ impl DispersionVariate {
         let Some(middle) = self.pixel.take() else { return };
         let mut value = vec![Vec4::ZERO; groups];
         self.around.iter_mut().for_each(|around| around.empty(groups));
-        for pair in self.landings.chunk_by(|a, b| a.0 / 2 == b.0 / 2) {
+        for pair in self.hits.chunk_by(|a, b| a.0 / 2 == b.0 / 2) {
             let number = (pair[0].0 / 2 - self.first) as usize;
             let place = self.place(middle[0], number);
             // On the left, and above on the right: an edge that comes is seen there first.
             let left = self.before[if middle[0] > self.left { place - self.pairs } else { place }];
             let around_it = left.and(&self.before[self.place(middle[0] + 1, number)], 1.0);
             let mut own = [Roots::default(); 2];
-            for (sample, landing) in pair {
-                own[(sample % 2) as usize].add(landing.nm, landing.radiance);
+            for (sample, hit) in pair {
+                own[(sample % 2) as usize].add(hit.nm, hit.radiance);
             }
             for samples in pair.chunk_by(|a, b| a.0 == b.0) {
                 let replicate = (samples[0].0 % 2) as usize;
                 let other = &own[1 - replicate];
                 let expected = other.and(&around_it, WEIGHT_OF_BEFORE).expected(other);
                 let around = &mut self.around[replicate];
-                for (_, landing) in samples {
-                    let expected = expected[bin(landing.nm)] * landing.gain;
+                for (_, hit) in samples {
+                    let expected = expected[bin(hit.nm)] * hit.gain;
                     if !(expected > 0.0 && expected.is_finite()) {
                         continue;
                     }
-                    value.iter_mut().enumerate().for_each(|(group, v)| *v = response(group, landing.nm) * expected);
-                    let taken = [(landing.pixel, -1.0)];
-                    for (pixel, part) in taken.into_iter().chain(landing.square.parts()).filter(|p| open(p.0, landing)) {
+                    value.iter_mut().enumerate().for_each(|(group, v)| *v = response(group, hit.nm) * expected);
+                    let taken = [(hit.pixel, -1.0)];
+                    for (pixel, part) in taken.into_iter().chain(hit.footprint.parts()).filter(|p| open(p.0, hit)) {
                         match Around::place(middle, pixel) {
                             Some(place) => around.add(place, &value, part),
                             None => add(pixel, replicate, &value, part),
@@ -270,7 +270,7 @@ impl DispersionVariate {
             }
             self.before[place] = own[0].and(&own[1], 1.0).and(&left, KEPT);
         }
-        self.landings.clear();
+        self.hits.clear();
         for (replicate, around) in self.around.iter_mut().enumerate() {
             around.flush(middle, groups, |pixel, values| add(pixel, replicate, values, 1.0));
         }
@@ -284,8 +284,8 @@ mod tests {
     #[test]
     fn squares_lie_over_as_much_of_pixels_as_they_cover() {
         let film = Film::new(10.0, 8.0, 10, 8);
-        let square = PixelFootprint::new(&film, [4, 3], [-1.25, 2.5]).unwrap();
-        let parts: Vec<_> = square.parts().collect();
+        let footprint = PixelFootprint::new(&film, [4, 3], [-1.25, 2.5]).unwrap();
+        let parts: Vec<_> = footprint.parts().collect();
         assert_eq!(parts, [([2, 5], 0.125), ([3, 5], 0.375), ([2, 6], 0.125), ([3, 6], 0.375)]);
         // One that lies on a pixel, in the last corner too.
         assert!(PixelFootprint::new(&film, [9, 7], [0.0, 0.0]).unwrap().parts().eq([([9, 7], 1.0)]));
@@ -314,24 +314,24 @@ mod tests {
     #[test]
     fn light_is_moved_and_neither_made_nor_lost() {
         let film = Film::new(30.0, 30.0, 30, 30);
-        let mut landings = DispersionVariate::new(&(4..12), 10..20, SamplerKind::Sobol, &film).unwrap();
+        let mut variate = DispersionVariate::new(&(4..12), 10..20, SamplerKind::Sobol, &film).unwrap();
         let pixel = [14, 15];
         for k in 0..8 {
             // Near and far.
             let far = [0.3, -0.6, 2.9, 9.3][k / 2];
-            let square = PixelFootprint::new(&film, pixel, [far, 0.25]).unwrap();
+            let footprint = PixelFootprint::new(&film, pixel, [far, 0.25]).unwrap();
             let landed = [(14.0 + far + 0.5) as usize, 15];
-            let landing = WavelengthHit { nm: 450.0, radiance: 3.0, gain: 2.0, pixel: landed, square, time: 0.0, pupil: 0.0 };
-            landings.note(pixel, 4 + k as u32, landing);
+            let hit = WavelengthHit { nm: 450.0, radiance: 3.0, gain: 2.0, pixel: landed, footprint, time: 0.0, pupil: 0.0 };
+            variate.note(pixel, 4 + k as u32, hit);
         }
-        assert!(!landings.is_of_other(pixel) && landings.is_of_other([15, 15]));
+        assert!(!variate.is_of_other(pixel) && variate.is_of_other([15, 15]));
         let mut sums = vec![[0.0f64; 2]; 900];
         let add = |[x, y]: [usize; 2], half: usize, values: &[Vec4], times: f32| {
             assert_eq!(values.len(), 2);
             assert_eq!(values[0] * 2.0, values[1]);
             sums[y * 30 + x][half] += f64::from(values[0].x * times);
         };
-        landings.end_pixel(2, |group, _| Vec4::splat(1.0 + group as f32), |_, _| true, add);
+        variate.end_pixel(2, |group, _| Vec4::splat(1.0 + group as f32), |_, _| true, add);
         for half in 0..2 {
             let total: f64 = sums.iter().map(|s| s[half]).sum();
             assert!(total.abs() < 1e-5, "{total}");
@@ -340,11 +340,11 @@ mod tests {
             assert!((sums[15 * 30 + 24][half] - 6.0 * 0.75 * 0.3).abs() < 1e-5);
         }
         // The next pixel knows what was before, even if its own samples are of one replicate.
-        let landing =
-            |square| WavelengthHit { nm: 450.0, radiance: 3.0, gain: 2.0, pixel: [15, 15], square, time: 0.0, pupil: 0.0 };
-        landings.note([15, 15], 4, landing(PixelFootprint::new(&film, [15, 15], [0.5, 0.0]).unwrap()));
+        let hit =
+            |footprint| WavelengthHit { nm: 450.0, radiance: 3.0, gain: 2.0, pixel: [15, 15], footprint, time: 0.0, pupil: 0.0 };
+        variate.note([15, 15], 4, hit(PixelFootprint::new(&film, [15, 15], [0.5, 0.0]).unwrap()));
         let mut moved = 0.0;
-        landings.end_pixel(
+        variate.end_pixel(
             1,
             |_, _| Vec4::ONE,
             |_, _| true,

@@ -30,7 +30,7 @@ struct CameraLight {
 }
 
 /// A control variate, and where the sums of its light begin.
-type Foretold = (usize, DispersionVariate);
+type Variate = (usize, DispersionVariate);
 
 /// Photons and light vertices of a pass, each by replicate of the samples.
 #[derive(Clone, Copy, Default)]
@@ -67,15 +67,15 @@ impl Unit<'_> {
                 self.count(ray, &light, &mut variates, &mut sums);
             }
         });
-        for (from, landings) in &mut variates {
-            self.end_pixel(landings, *from, &mut sums);
+        for (from, variate) in &mut variates {
+            self.end_pixel(variate, *from, &mut sums);
         }
         sums.done()
     }
 
-    /// What can be foretold of a tile's samples: of all light, and of direct light where that is recorded; nothing of bands that tell polarisation, nor of a lens whose
+    /// Control variates of a tile's samples: of all light, and of direct light where that is recorded; nothing of bands that tell polarisation, nor of a lens whose
     /// group moves.
-    fn variates(&self, [column, _, width, _]: [usize; 4], samples: &Range<u32>) -> Vec<Foretold> {
+    fn variates(&self, [column, _, width, _]: [usize; 4], samples: &Range<u32>) -> Vec<Variate> {
         let moving_group = self.camera.motion.moving().is_some_and(|moving| moving.lenses().len() > 0);
         let other = self.in_radiance() || self.behind.is_some() || !self.analyzers.is_empty() || moving_group;
         if other || !matches!(self.camera.lens, Lens::Compound(_)) {
@@ -141,7 +141,7 @@ impl Unit<'_> {
     }
 
     /// Adds a sample to the sums of the pixels where it lands.
-    fn count(&self, ray: &CameraRay, light: &CameraLight, variates: &mut [Foretold], sums: &mut TileSums) {
+    fn count(&self, ray: &CameraRay, light: &CameraLight, variates: &mut [Variate], sums: &mut TileSums) {
         let &CameraRay { pixel: [x, y], ref sampler, ref wavelengths, exposure, weights, factors, displaced, .. } = ray;
         let CameraLight { radiance, direct, linear } = light;
         let weighted = (*radiance * wavelengths.weight).to_array();
@@ -173,18 +173,18 @@ impl Unit<'_> {
             let direct = direct.map(|fraction| of(times(weighted, fraction)));
             return self.add(sums.pixel(x, y), half, 1.0, of(weighted), direct);
         };
-        for (from, landings) in variates.iter_mut().filter(|_| spread.squares.is_some()) {
-            if landings.is_of_other([x, y]) {
-                self.end_pixel(landings, *from, sums);
+        for (from, variate) in variates.iter_mut().filter(|_| spread.footprints.is_some()) {
+            if variate.is_of_other([x, y]) {
+                self.end_pixel(variate, *from, sums);
             }
             // The hero lands where it started: nothing is up to chance.
-            for (c, square) in (1..4).zip(spread.squares.into_iter().flatten()) {
+            for (c, footprint) in (1..4).zip(spread.footprints.into_iter().flatten()) {
                 let gain = wavelengths.weight[c] * weights[c] * factors[c] * exposure;
                 let of_it = if *from == 0 { 1.0 } else { direct.map_or(0.0, |fraction| fraction[c]) };
                 if let (Some((px, py)), true) = (spread.lands[c], gain > 0.0) {
                     let (radiance, pixel, nm) = (radiance[c] * of_it, [px, py], nm[c]);
                     let (time, pupil) = (spread.time, spread.pupil);
-                    landings.note([x, y], sampler.number(), WavelengthHit { nm, radiance, gain, pixel, square, time, pupil });
+                    variate.note([x, y], sampler.number(), WavelengthHit { nm, radiance, gain, pixel, footprint, time, pupil });
                 }
             }
         }
@@ -204,7 +204,7 @@ impl Unit<'_> {
 
     /// Moves the predicted part of a pixel's samples from the pixels where they arrived to those that its displaced footprint covers; the mean stays.
     /// `from`: where the sums of this light begin.
-    fn end_pixel(&self, landings: &mut DispersionVariate, from: usize, sums: &mut TileSums) {
+    fn end_pixel(&self, variate: &mut DispersionVariate, from: usize, sums: &mut TileSums) {
         let bands = self.curves_len();
         let by_pixel = self.shutter.differs_by_pixel();
         let open = |[x, y]: [usize; 2], landing: &WavelengthHit| {
@@ -214,7 +214,7 @@ impl Unit<'_> {
             }
         };
         let response = |group: usize, nm: f32| self.curves.at(group, nm);
-        landings.end_pixel(bands.div_ceil(GROUP), response, open, |[x, y], half, values, times| {
+        variate.end_pixel(bands.div_ceil(GROUP), response, open, |[x, y], half, values, times| {
             let signal = &mut sums.pixel(x, y)[from..from + bands];
             signal.chunks_mut(GROUP).zip(values).for_each(|(bands, value)| add_to(bands, half, *value * times));
         });

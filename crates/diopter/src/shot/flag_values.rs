@@ -1,4 +1,4 @@
-//! Values of flags: how they are read from text. Errors say what was found and what is expected.
+//! Values of flags: how they are read from text, and how help lists names. Errors say what was found and what is expected.
 
 use crate::quantity::{LengthMm, number};
 

@@ -208,8 +208,8 @@ impl Shot {
         let flash = timing.flash.is_some();
         let lights_follow_camera = surroundings::follow_camera(&description, &file.scene, flash);
         let scene_name = description.name.clone();
-        let fineness = scene_setup::fineness(&file, &description, &film, &placement, warn)?;
-        let mut scene = cache.scene(description, &file.scene, &timing, &placement, fineness, warn)?;
+        let dicing_rate = scene_setup::dicing_rate(&file, &description, &film, &placement, warn)?;
+        let mut scene = cache.scene(description, &file.scene, &timing, &placement, dicing_rate, warn)?;
         scene.pose(timing.at_s, 0.0);
         if scene.bounds().is_empty() && scene.description().environment.is_none() {
             return Err(SceneError::Empty("it has no surface and no environment".into()).into());

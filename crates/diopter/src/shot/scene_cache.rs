@@ -75,7 +75,7 @@ pub(super) struct BuiltKey {
     /// Where the camera stands, where lamps or ground follow it.
     placement: Option<(Affine3A, [f32; 2], Bounds)>,
     /// How fine displaced surfaces are.
-    fineness: Option<DicingRate>,
+    dicing_rate: Option<DicingRate>,
 }
 
 impl BuiltKey {
@@ -84,7 +84,7 @@ impl BuiltKey {
         section: &SceneSection,
         timing: &timing::Timing,
         placement: &CameraPlacement,
-        fineness: Option<DicingRate>,
+        dicing_rate: Option<DicingRate>,
     ) -> BuiltKey {
         let light = section.environment.as_deref().or(section.light.as_deref().map(Path::new)).and_then(stamp);
         let follows = surroundings::follow_camera(d, section, timing.flash.is_some());
@@ -95,7 +95,7 @@ impl BuiltKey {
             classes: section.classes.as_deref().and_then(stamp),
             at_s: timing.at_s,
             placement: follows.then_some((placement.place, placement.tan_half, placement.bounds)),
-            fineness: fineness.filter(|_| !d.displaced.is_empty()),
+            dicing_rate: dicing_rate.filter(|_| !d.displaced.is_empty()),
         }
     }
 }
@@ -142,18 +142,18 @@ impl SceneCache {
         section: &SceneSection,
         timing: &timing::Timing,
         placement: &CameraPlacement,
-        fineness: Option<DicingRate>,
+        dicing_rate: Option<DicingRate>,
         warn: &mut dyn FnMut(&str),
     ) -> Result<Scene, ShotError> {
-        let mut key = BuiltKey::new(&description, section, timing, placement, fineness);
+        let mut key = BuiltKey::new(&description, section, timing, placement, dicing_rate);
         if self.of_rig {
-            (key.placement, key.fineness) = (None, None);
+            (key.placement, key.dicing_rate) = (None, None);
         }
         if self.built.as_ref().is_none_or(|(k, _)| *k != key) {
             self.built = None;
             let mut warnings = Vec::new();
             let mut note = |text: &str| warnings.push(text.to_owned());
-            if let Some((view, edge_px)) = fineness {
+            if let Some((view, edge_px)) = dicing_rate {
                 description.refine_displaced(&view, edge_px, timing.at_s);
             }
             if let Some(albedo) = surroundings::put(&mut description, section, timing.flash.is_some(), placement, &mut note)? {

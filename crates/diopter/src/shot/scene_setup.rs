@@ -486,7 +486,7 @@ const SEEN_MARGIN: f32 = 1.25;
 const SEES_ALL: f32 = 1.0;
 
 /// How fine displaced surfaces shall be, where the shot says so.
-pub(super) fn fineness(
+pub(super) fn dicing_rate(
     file: &ShotFile,
     description: &Description,
     film: &Film,
