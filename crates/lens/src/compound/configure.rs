@@ -472,6 +472,7 @@ mod focus_tests {
             let e = 0.03 * far.focal_length().0;
             let (quick, slow) = (far.with_extension(e).unwrap(), far.refocused(Focus::Extension(Millimeters(e))).unwrap());
             assert!((quick.system().film_z - slow.system().film_z).abs() < 1e-9);
+            assert!(far.with_extension(f64::INFINITY).is_err() && far.with_extension(f64::NAN).is_err(), "{name}");
             for height in [0.0, 4.0, 9.0] {
                 let film = DVec2::new(height, 0.3 * height);
                 let light = |lens: &CompoundLens| {

@@ -9,7 +9,7 @@
 //! W is a polynomial over the pupil at points along a radius of the film, fitted to δ of traced rays; that of the d line for all wavelengths (what colours do
 //! differently stays with the rays).
 
-use crate::compound::{CompoundLens, REFERENCE_NM};
+use crate::compound::CompoundLens;
 use crate::linear::Cholesky;
 use crate::ray::{Apertures, TraceDirection, TracedRay};
 use glam::{DMat2, DVec2};
@@ -75,7 +75,7 @@ impl Wavefront {
     ) -> Option<Wavefront> {
         let half = half.x;
         let system = lens.system();
-        let n = system.indices(REFERENCE_NM);
+        let n = system.reference_indices();
         let curvature = lens.pupils().curvature;
         let trace = |film: DVec2, q: DVec2| {
             let direction = system.film_direction(q - film * curvature);

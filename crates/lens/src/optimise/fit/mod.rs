@@ -25,7 +25,7 @@ pub use sheet::{
 };
 
 use super::levenberg::{Found, Residuals, jacobian, levenberg_marquardt, merit};
-use crate::compound::{Configured, FilmPlace, REFERENCE_NM, configure, opening, stop_radius, widest_f_number};
+use crate::compound::{Configured, FilmPlace, configure, opening, stop_radius, widest_f_number};
 use crate::paraxial::FirstOrder;
 use crate::prescription::{Prescription, PrescriptionError};
 use crate::system::{State, System};
@@ -256,7 +256,7 @@ impl LensFit {
         if unseen.len() > NAMED {
             names.push(format!("and {} more", unseen.len() - NAMED));
         }
-        let radius = self.start.image_circle.map_or(1.5 * FirstOrder::of(&system, &system.indices(REFERENCE_NM)).efl, |c| c);
+        let radius = self.start.image_circle.map_or(1.5 * FirstOrder::of(&system, &system.reference_indices()).efl, |c| c);
         let bench = crate::analysis::Bench::at_infinity(&system);
         let reach = bench.field_of_height(radius);
         let what = format!(
@@ -291,7 +291,7 @@ impl LensFit {
     fn system_at(&self, x: &[f64], open: Opening) -> Option<(Prescription, System)> {
         let lens = free::lens_at(&self.start, &self.free, x).ok()?;
         let far = System::at(&lens, State { focus: 0.0, ..self.state });
-        let efl = FirstOrder::of(&far, &far.indices(REFERENCE_NM)).efl;
+        let efl = FirstOrder::of(&far, &far.reference_indices()).efl;
         if !(efl > 1e-3 && efl < 1e6) {
             return None;
         }
