@@ -125,8 +125,8 @@ pub fn merge(raws: &[RawImage]) -> Result<RawImage, HdrError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use diopter_image::ExposureFacts;
     use diopter_image::focal_plane::FocalPlane;
+    use diopter_image::{Cfa, ExposureFacts, RowTimes, ShutterFacts};
     use diopter_sensor::{Reading, Sensor, read_out};
 
     /// Even fields of a light (electrons a second in every channel), each twice as long as the one before.
@@ -171,6 +171,31 @@ mod tests {
             }
         }
         assert!((merge(&series(&sensor, 1e4, &times)).unwrap().header.baseline_ev - raws_baseline(&sensor) - 2.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn columns_that_are_open_longer_are_no_brighter_in_linear_pictures() {
+        // A shutter that runs along columns and resets all at once: the last of 42 is open for 1.4 times the mean.
+        let sensor = Sensor::named("canon-5d-mark-iv").unwrap();
+        let raws: Vec<RawImage> = series(&sensor, 1e5, &[0.01, 0.01])
+            .into_iter()
+            .map(|raw| {
+                let mut header = raw.header;
+                header.cfa = Cfa::linear_rgb();
+                let rows = RowTimes { open_s: [0.0; 2], close_s: [0.006, 0.008 / 41.0], columns: true };
+                header.facts.shutter = Some(ShutterFacts { kind: "rolling".into(), total_s: 0.014, effective_s: 0.01, rows });
+                let mut mosaic = Raster::new(126, 8, 1);
+                for (i, to) in mosaic.data.iter_mut().enumerate() {
+                    let time = rows.of(i % 126 / 3).1 / 0.01;
+                    *to = (header.black_level + 0.3 * time * (header.white_level - header.black_level)).round() as u16;
+                }
+                RawImage { mosaic, header }
+            })
+            .collect();
+        let merged = merge(&raws).unwrap();
+        let range = merged.mosaic.data.iter().fold([u16::MAX, 0], |[a, b], v| [a.min(*v), b.max(*v)]);
+        // A number of 14 bits is four of 16.
+        assert!(range[1] - range[0] < 16 && f64::from(range[0]) > BLACK, "{range:?}");
     }
 
     fn raws_baseline(sensor: &Sensor) -> f64 {

@@ -5,7 +5,7 @@ use crate::{SensorError, nearest};
 use diopter_image::Cfa;
 use diopter_image::focal_plane::{Band, BandUnit};
 use diopter_light::spectrum::Table;
-use diopter_light::units::{PLANCK, SPEED_OF_LIGHT};
+use diopter_light::units::{PLANCK, SPEED_OF_LIGHT, shown};
 use std::collections::BTreeMap;
 
 /// What an ISO setting does.
@@ -250,7 +250,7 @@ impl Sensor {
         if !(iso >= first.iso * 0.98 && iso <= last.iso * 1.02) {
             return Err(SensorError::Range {
                 what: "ISO".into(),
-                found: iso.to_string(),
+                found: shown(iso),
                 expected: format!("{} to {} on {}", first.iso, last.iso, self.name),
             });
         }

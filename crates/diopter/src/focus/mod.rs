@@ -325,7 +325,11 @@ impl Report {
     pub fn failure(&self) -> Option<Failure> {
         match self.chosen {
             Some(_) => None,
-            None => self.zones.iter().max_by(|a, b| a.confidence.total_cmp(&b.confidence)).and_then(|z| z.failure),
+            // There is one at least that was looked at.
+            None => {
+                let looked_at = self.zones.iter().filter(|z| z.failure != Some(Failure::NoTime));
+                looked_at.max_by(|a, b| a.confidence.total_cmp(&b.confidence)).and_then(|z| z.failure)
+            }
         }
     }
 }
