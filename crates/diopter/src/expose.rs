@@ -15,6 +15,7 @@ mod integrator;
 mod light_tracing;
 mod paged;
 mod pixel_cone;
+mod pixel_groups;
 pub(crate) mod response;
 pub(crate) mod settings;
 mod stars;
@@ -392,6 +393,7 @@ impl Exposure<'_> {
             polarized: self.is_polarized(),
             analyzers: response.analyzer_groups(),
             light_traced: false,
+            reuses: false,
         }
     }
 
@@ -493,10 +495,13 @@ impl Exposure<'_> {
         let mut unit = self.unit(&curves, &wavelengths, optics);
         let lamps = self.light_tracing(&unit);
         unit.light_traced = lamps.is_some();
-        let unit = unit;
         let caustics = self.caustics().filter(|caustics| self.shows_caustics(&unit, caustics));
-        let connections =
-            self.connections(&unit).filter(|connections| self.pays_to_connect(&unit, connections, caustics.as_ref()));
+        let connections = self.connections(&unit);
+        unit.reuses = caustics.is_none() && self.may_reuse();
+        let help = self.help(&unit, connections.as_ref(), caustics.as_ref(), unit.reuses);
+        let connections = connections.filter(|_| help == trial::Help::Connections);
+        unit.reuses = help == trial::Help::Reuse;
+        let unit = unit;
         let length = match caustics.is_some() || connections.is_some() {
             false => pass_length(width * height),
             true => integrator::map_samples(width * height),

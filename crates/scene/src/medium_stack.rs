@@ -81,6 +81,12 @@ impl MediumStack {
         }
     }
 
+    /// Whether it is in no body, and no face has said what is around.
+    #[inline]
+    pub fn is_outside(&self) -> bool {
+        self.count == 0 && self.said.is_none()
+    }
+
     /// The medium along a ray up to a distance, and the part of it in which it is.
     #[inline]
     pub fn span<'a>(&self, scene: &'a Scene, ray: &Ray, reach: f32) -> Option<(&'a Medium, [f32; 2])> {

@@ -19,6 +19,7 @@ mod medium_segment;
 mod next_event;
 mod path;
 mod prev_scatter;
+mod reuse;
 pub(crate) mod tally;
 mod to_light;
 mod weights;
@@ -124,6 +125,19 @@ impl Scene {
     pub fn radiance_and_caustics_of(&self, paths: &[CameraPath], settings: &PathSettings) -> Vec<[SampledSpectrum; 2]> {
         let tallies = self.follow_all(paths, settings, |_| CausticTally::default());
         tallies.into_iter().map(|CausticTally { all, gathered }| [all, gathered]).collect()
+    }
+
+    /// The same numbers of a group of camera paths of the same wavelengths that lend one another what light they found, in their order: means are those of [`Scene::radiance_of`], errors are
+    /// smaller, and correlated within the group. Paths are followed alone where they may not lend: where [`CameraPath::light_paths`] are given or wavelengths differ; whether the scene allows it
+    /// ([`Scene::lets_paths_be_reused`]) is for whoever asks.
+    pub fn radiance_of_group(&self, paths: &[CameraPath], settings: &PathSettings) -> Vec<SampledSpectrum> {
+        Transport { scene: self, settings }.follow_group(paths, || SampledSpectrum::ZERO)
+    }
+
+    /// The numbers of [`Scene::radiance_and_direct_of`], of a group as [`Scene::radiance_of_group`] takes it: direct light is that of each path alone.
+    pub fn radiance_and_direct_of_group(&self, paths: &[CameraPath], settings: &PathSettings) -> Vec<[SampledSpectrum; 2]> {
+        let tallies = Transport { scene: self, settings }.follow_group(paths, DirectTally::default);
+        tallies.into_iter().map(|DirectTally { all, direct }| [all, direct]).collect()
     }
 
     fn follow_all<'a, T: Tally>(

@@ -165,6 +165,11 @@ impl Scene {
         !self.posed.animated.is_empty() || self.posed.animated.lights.iter().any(Option::is_some)
     }
 
+    /// Whether a lamp's light changes with time.
+    pub(crate) fn flickers(&self) -> bool {
+        self.flickers
+    }
+
     /// What the scene was built from.
     pub fn description(&self) -> &Description {
         &self.description

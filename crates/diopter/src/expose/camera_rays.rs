@@ -3,6 +3,7 @@
 use super::diffraction::Displaced;
 use super::dispersion_variate::PixelFootprint;
 use super::light_tracing::CameraSample;
+use super::pixel_groups::{self, GROUP, GROUPS};
 use super::unit::Unit;
 use crate::camera::Film;
 use crate::mount::M2_PER_MM2;
@@ -94,19 +95,29 @@ pub(super) struct Numbers {
     /// Column, row, width and height.
     pub rectangle: [usize; 4],
     pub samples: Range<u32>,
+    /// Whether those of a group of pixels follow one another ([`super::pixel_groups`]), not those of a pixel.
+    pub by_group: bool,
 }
 
 impl Numbers {
+    /// How many numbers there are; some stand for no sample.
     fn count(&self) -> usize {
-        self.rectangle[2] * self.rectangle[3] * self.samples.len()
+        let pixels = if self.by_group { GROUPS * GROUP } else { self.rectangle[2] * self.rectangle[3] };
+        pixels * self.samples.len()
     }
 
     /// Column, row and number of a sample.
     #[inline]
-    fn of(&self, number: usize) -> (usize, usize, u32) {
-        let [column, row, width, _] = self.rectangle;
+    fn of(&self, number: usize) -> Option<(usize, usize, u32)> {
+        let [column, row, width, height] = self.rectangle;
+        if self.by_group {
+            let (of_group, member) = (number / GROUP, number % GROUP);
+            let (group, sample) = (of_group / self.samples.len(), of_group % self.samples.len());
+            let [x, y] = pixel_groups::pixel_of_group([column, row], group, member);
+            return (x < column + width && y < row + height).then(|| (x, y, self.samples.start + sample as u32));
+        }
         let (pixel, sample) = (number / self.samples.len(), number % self.samples.len());
-        (column + pixel % width, row + pixel / width, self.samples.start + sample as u32)
+        Some((column + pixel % width, row + pixel / width, self.samples.start + sample as u32))
     }
 }
 
@@ -119,13 +130,22 @@ pub(super) fn times(a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
 /// Samples through an ideal lens that are drawn before their light is.
 const PACKET: usize = 16;
 
+// Groups are not torn.
+const _: () = assert!(PACKET.is_multiple_of(GROUP) && LANES.is_multiple_of(GROUP));
+
 impl Unit<'_> {
     fn sampler(&self, x: usize, y: usize, sample: u32) -> Sampler {
         Sampler::new(self.settings.sampler, self.settings.seed, (x as u32, y as u32), sample, self.settings.spp)
     }
 
-    /// All samples of a tile, some at a time and in their order; `uses_variate`: whether it is asked where pixels land as a whole.
-    pub(super) fn camera_rays(&self, numbers: &Numbers, uses_variate: bool, mut each: impl FnMut(&[CameraRay])) {
+    /// What draws the wavelengths of a sample, which are the same for all pixels of a group, and with them how diffraction displaces it.
+    fn group_sampler(&self, x: usize, y: usize, sample: u32) -> Sampler {
+        let [x, y] = if self.reuses { pixel_groups::representative([x, y]) } else { [x, y] };
+        self.sampler(x, y, sample)
+    }
+
+    /// All samples of a tile, some at a time and in their order, handed to `each`; `uses_variate`: whether it is asked where pixels land as a whole.
+    pub(super) fn camera_rays(&self, numbers: &Numbers, uses_variate: bool, mut each: impl FnMut(&mut Vec<CameraRay>)) {
         if let Lens::Compound(lens) = &self.camera.lens {
             // Where a group moves against shake, the samples of each of its places together: a packet goes through one lens.
             let by_lens = self.by_lens(numbers);
@@ -142,10 +162,10 @@ impl Unit<'_> {
         while !left.is_empty() {
             rays.clear();
             rays.extend(left.by_ref().take(PACKET).filter_map(|number| {
-                let (x, y, sample) = numbers.of(number);
-                self.camera_ray(x, y, &self.sampler(x, y, sample))
+                let (x, y, sample) = numbers.of(number)?;
+                self.camera_ray(x, y, &self.sampler(x, y, sample), &self.group_sampler(x, y, sample))
             }));
-            each(&rays);
+            each(&mut rays);
         }
     }
 
@@ -156,7 +176,7 @@ impl Unit<'_> {
         numbers: &Numbers,
         mut members: impl Iterator<Item = usize>,
         uses_variate: bool,
-        mut each: impl FnMut(&[CameraRay]),
+        mut each: impl FnMut(&mut Vec<CameraRay>),
     ) {
         let film = &self.camera.film;
         let attempts = self.attempts();
@@ -169,16 +189,22 @@ impl Unit<'_> {
         loop {
             drawn.clear();
             exits.passed = 0;
-            for (k, number) in members.by_ref().take(LANES).enumerate() {
-                let (x, y, sample) = numbers.of(number);
-                let sample = self.draw([x, y], self.sampler(x, y, sample));
+            let mut is_last = true;
+            for number in members.by_ref().take(LANES) {
+                is_last = false;
+                let Some((x, y, sample)) = numbers.of(number) else { continue };
+                let k = drawn.len();
+                let sample = self.draw([x, y], self.sampler(x, y, sample), &self.group_sampler(x, y, sample));
                 shifts[k] = sample.moved;
                 packet.nm[k] = sample.wavelengths.nm.to_array();
                 drawn.push(sample);
             }
+            if is_last {
+                return;
+            }
             let count = drawn.len();
             if count == 0 {
-                return;
+                continue;
             }
             // Lanes beyond hold rays of the packet before.
             let own = ((1u64 << count) - 1) as u32;
@@ -215,17 +241,18 @@ impl Unit<'_> {
             let passed = (0..count).filter(|k| exits.passed >> k & 1 == 1);
             rays.clear();
             rays.extend(passed.filter_map(|k| self.ray_of_lane(k, &drawn[k], packet.film[k], shifts[k], &exits, uses_variate)));
-            each(&rays);
+            each(&mut rays);
         }
     }
 
     /// What is drawn for a sample of a pixel before it goes through a lens.
     #[inline]
-    fn draw(&self, [x, y]: [usize; 2], sampler: Sampler) -> Drawn {
+    fn draw(&self, [x, y]: [usize; 2], sampler: Sampler, group_sampler: &Sampler) -> Drawn {
         let [place, [w, t, spot @ ..]] = sampler.get_two([Dimensions::Camera, Dimensions::Time]);
         let filter = self.camera.film.low_pass_shift(spot) - self.film_shift(x, y, t);
-        let wavelengths = self.wavelengths.sample(self.wavelength_number(w, &sampler));
-        let displaced = self.displaced(x, y, &sampler, &wavelengths);
+        let w = if self.reuses { group_sampler.get(Dimensions::Time)[0] } else { w };
+        let wavelengths = self.wavelengths.sample(self.wavelength_number(w, group_sampler));
+        let displaced = self.displaced(x, y, group_sampler, &wavelengths);
         let moved = displaced.map_or(filter, |d| filter + d.by);
         Drawn { pixel: [x, y], sampler, wavelengths, t, place, filter, moved, displaced }
     }
@@ -323,8 +350,8 @@ impl Unit<'_> {
 
     /// The ray of one sample of a pixel through any lens, all wavelengths along that of the lens's reference; `None` where no light comes through.
     #[inline]
-    pub(super) fn camera_ray(&self, column: usize, row: usize, sampler: &Sampler) -> Option<CameraRay> {
-        let Drawn { wavelengths, t, place, filter, moved, displaced, .. } = self.draw([column, row], *sampler);
+    pub(super) fn camera_ray(&self, column: usize, row: usize, sampler: &Sampler, group_sampler: &Sampler) -> Option<CameraRay> {
+        let Drawn { wavelengths, t, place, filter, moved, displaced, .. } = self.draw([column, row], *sampler, group_sampler);
         let mut arrived = DVec2::ZERO;
         let passes = |r: &LensRay| self.settings.half.is_none_or(|h| h.holds(r.origin_mm.x));
         let lens_ray = (0..=self.attempts()).find_map(|attempt| {
@@ -407,7 +434,7 @@ impl Unit<'_> {
         });
         let mut all: Vec<(&CompoundLens, Vec<u32>)> = lenses.collect();
         for number in 0..numbers.count() {
-            let (x, y, sample) = numbers.of(number);
+            let Some((x, y, sample)) = numbers.of(number) else { continue };
             let t = self.sampler(x, y, sample).get(Dimensions::Time)[1];
             all[moving.index(self.moment(x, y, t))].1.push(number as u32);
         }

@@ -5,7 +5,7 @@
 //! pixel from which samples start, a wavelength that goes through a place of the pupil lands evenly over a square as large as the pixel, displaced as the wavelength is.
 //! So the part of a sample that could be foretold, c, is taken from where it landed and given to the pixels below the square, by how much of it each holds.
 //! That changes no mean, whatever c is, as long as it does not depend on where in the pixel the sample started: c comes from the sample of the *other* replicate that
-//! follows or precedes it and from the same two samples of pixels before, which are drawn independently. So it does not depend on which samples are taken at once, either: parts
+//! follows or precedes it and from the same two samples of pixels before, which are drawn independently (where pixels lend one another light they are not, and are not asked). So it does not depend on which samples are taken at once, either: parts
 //! of an exposure that hold whole pairs merge to the whole.
 //!
 //! Sources: control variates, A. Owen 2013, "Monte Carlo theory, methods and examples", §8.9; the two replicates as in cross-fitting.
@@ -130,6 +130,8 @@ pub(super) struct DispersionVariate {
     /// First of the pairs of samples, and how many there are.
     first: u32,
     pairs: usize,
+    /// Weight of what the pixels before had.
+    weight_of_before: f32,
     /// First of the columns.
     left: usize,
     /// What the pixels up to one in each column had, those in the row above where there are none yet in this one: `[column][pair]`.
@@ -193,14 +195,21 @@ impl Around {
 }
 
 impl DispersionVariate {
-    /// For some samples of the pixels of some columns; `None` where a sample says something of where another one starts in its pixel, or where pixels have gaps between
+    /// For some samples of the pixels of some columns; `asks_neighbors`: whether samples of pixels before are independent of those of a pixel. `None` where a sample says something of where another one starts in its pixel, or where pixels have gaps between
     /// them.
-    pub fn new(samples: &Range<u32>, columns: Range<usize>, sampler: SamplerKind, film: &Film) -> Option<DispersionVariate> {
+    pub fn new(
+        samples: &Range<u32>,
+        columns: Range<usize>,
+        sampler: SamplerKind,
+        film: &Film,
+        asks_neighbors: bool,
+    ) -> Option<DispersionVariate> {
         let apply = matches!(sampler, SamplerKind::Sobol | SamplerKind::Independent) && film.gap_mm == [0.0; 2];
         let pairs = (samples.end.div_ceil(2) - samples.start / 2) as usize;
         apply.then(|| DispersionVariate {
             first: samples.start / 2,
             pairs,
+            weight_of_before: if asks_neighbors { WEIGHT_OF_BEFORE } else { 0.0 },
             left: columns.start,
             before: vec![Roots::default(); pairs * columns.len()],
             hits: Vec::new(),
@@ -251,7 +260,7 @@ impl DispersionVariate {
             for samples in pair.chunk_by(|a, b| a.0 == b.0) {
                 let replicate = (samples[0].0 % 2) as usize;
                 let other = &own[1 - replicate];
-                let expected = other.and(&around_it, WEIGHT_OF_BEFORE).expected(other);
+                let expected = other.and(&around_it, self.weight_of_before).expected(other);
                 let around = &mut self.around[replicate];
                 for (_, hit) in samples {
                     let expected = expected[bin(hit.nm)] * hit.gain;

@@ -36,7 +36,7 @@ impl Exposure<'_> {
         let lamps = match self.settings.integrator {
             // Photons and light paths know nothing of polarisation.
             _ if self.is_polarized() => return None,
-            Integrator::Path => return None,
+            Integrator::Path | Integrator::PathReuse => return None,
             Integrator::Caustics => Lamps::All,
             Integrator::Bidirectional | Integrator::Auto => Lamps::Small,
         };
@@ -54,13 +54,27 @@ impl Exposure<'_> {
         Caustics::new(self.scene, settings)
     }
 
+    /// Whether it has so many paths that `auto` may follow some to learn what helps.
+    pub(super) fn has_paths_for_trial(&self) -> bool {
+        let pixels = self.camera.film.columns * self.camera.film.rows;
+        pixels as f64 * f64::from(self.settings.spp) >= LEAST_FOR_TRIAL
+    }
+
+    /// Whether pixels may lend one another light.
+    pub(super) fn may_reuse(&self) -> bool {
+        matches!(self.settings.integrator, Integrator::Auto | Integrator::PathReuse)
+            && !self.is_polarized()
+            && self.camera.motion.moving().is_none()
+            && self.scene.lets_paths_be_reused()
+    }
+
     /// What connects camera paths with light paths, where the integrator and the scene ask for it.
     pub(super) fn connections(&self, unit: &Unit) -> Option<Connections<'_>> {
         if self.is_polarized() || !matches!(self.settings.integrator, Integrator::Bidirectional | Integrator::Auto) {
             return None;
         }
         let pixels = self.camera.film.columns * self.camera.film.rows;
-        if self.settings.integrator == Integrator::Auto && pixels as f64 * f64::from(self.settings.spp) < LEAST_FOR_TRIAL {
+        if self.settings.integrator == Integrator::Auto && !self.has_paths_for_trial() {
             return None;
         }
         let camera_paths = pixels as f64 * f64::from(map_samples(pixels).min(self.settings.spp));

@@ -4,6 +4,7 @@ use super::camera_rays::{CameraRay, Numbers, times};
 use super::dispersion_variate::{DispersionVariate, WavelengthHit};
 use super::light_tracing::LightTracing;
 use super::pixel_cone::PixelCones;
+use super::pixel_groups;
 use super::response::{GROUP, add_to};
 use super::stars;
 use super::summed_bands;
@@ -61,16 +62,36 @@ impl Unit<'_> {
         let rectangle = self.rectangle(index);
         let mut sums = TileSums::new(&self.camera.film, rectangle, self.summed_bands(), before);
         let mut variates = self.variates(rectangle, &samples);
-        let numbers = Numbers { rectangle, samples };
+        let numbers = Numbers { rectangle, samples, by_group: self.reuses };
+        // Control variates want the samples of a pixel one after the other.
+        let by_pixel = self.reuses && !variates.is_empty();
+        let mut of_group: Vec<(CameraRay, CameraLight)> = Vec::new();
+        let is_of_group = |a: &CameraRay, b: &CameraRay| pixel_groups::group_of(a.pixel) == pixel_groups::group_of(b.pixel);
         self.camera_rays(&numbers, !variates.is_empty(), |rays| {
-            for (ray, light) in rays.iter().zip(self.light_along(rays, light_paths)) {
-                self.count(ray, &light, &mut variates, &mut sums);
+            let light = self.light_along(rays, light_paths);
+            if !by_pixel {
+                return rays.iter().zip(light).for_each(|(ray, light)| self.count(ray, &light, &mut variates, &mut sums));
+            }
+            for sample in rays.drain(..).zip(light) {
+                if of_group.first().is_some_and(|(ray, _)| !is_of_group(ray, &sample.0)) {
+                    self.count_group(&mut of_group, &mut variates, &mut sums);
+                }
+                of_group.push(sample);
             }
         });
+        self.count_group(&mut of_group, &mut variates, &mut sums);
         for (from, variate) in &mut variates {
             self.end_pixel(variate, *from, &mut sums);
         }
         sums.done()
+    }
+
+    /// Adds the samples of a group of pixels to the sums, pixel by pixel.
+    fn count_group(&self, samples: &mut Vec<(CameraRay, CameraLight)>, variates: &mut [Variate], sums: &mut TileSums) {
+        samples.sort_by_key(|(ray, _)| (ray.pixel[1], ray.pixel[0]));
+        for (ray, light) in samples.drain(..) {
+            self.count(&ray, &light, variates, sums);
+        }
     }
 
     /// Control variates of a tile's samples: of all light, and of direct light where that is recorded; nothing of bands that tell polarisation, nor of a lens whose
@@ -81,7 +102,8 @@ impl Unit<'_> {
         if other || !matches!(self.camera.lens, Lens::Compound(_)) {
             return Vec::new();
         }
-        let new = || DispersionVariate::new(samples, column..column + width, self.settings.sampler, &self.camera.film);
+        let (columns, kind) = (column..column + width, self.settings.sampler);
+        let new = || DispersionVariate::new(samples, columns.clone(), kind, &self.camera.film, !self.reuses);
         [Some(0), self.direct].into_iter().flatten().filter_map(|from| Some((from, new()?))).collect()
     }
 
@@ -109,17 +131,34 @@ impl Unit<'_> {
         if self.polarized {
             return self.polarized_light(&paths);
         }
+        let groups = || {
+            let is_of_group = |a: &CameraRay, b: &CameraRay| {
+                a.sampler.number() == b.sampler.number() && pixel_groups::group_of(a.pixel) == pixel_groups::group_of(b.pixel)
+            };
+            rays.chunk_by(is_of_group).scan(0, |first, group| {
+                *first += group.len();
+                Some(*first - group.len()..*first)
+            })
+        };
         match self.direct {
             None => {
                 let of = |radiance| CameraLight { radiance, direct: None, linear: None };
-                self.scene.radiance_of(&paths, settings).into_iter().map(of).collect()
+                let radiances = match self.reuses {
+                    false => self.scene.radiance_of(&paths, settings),
+                    true => groups().flat_map(|group| self.scene.radiance_of_group(&paths[group], settings)).collect(),
+                };
+                radiances.into_iter().map(of).collect()
             }
             Some(_) => {
                 let of = |[all, direct]: [glam::Vec4; 2]| {
                     let fraction = std::array::from_fn(|c| if all[c] > 0.0 { direct[c] / all[c] } else { 0.0 });
                     CameraLight { radiance: all, direct: Some(fraction), linear: None }
                 };
-                self.scene.radiance_and_direct_of(&paths, settings).into_iter().map(of).collect()
+                let both = match self.reuses {
+                    false => self.scene.radiance_and_direct_of(&paths, settings),
+                    true => groups().flat_map(|group| self.scene.radiance_and_direct_of_group(&paths[group], settings)).collect(),
+                };
+                both.into_iter().map(of).collect()
             }
         }
     }

@@ -2,6 +2,8 @@
 //! `auto` and `bidirectional` learn where the sun matters. They depend on seed, scene, camera
 //! and film alone, not on which samples are asked for, so that parts of an exposure decide alike.
 
+use super::camera_rays::CameraRay;
+use super::pixel_groups::{self, GROUP, GROUPS};
 use super::unit::Unit;
 use super::{Exposure, Integrator};
 use diopter_light::random::{Sampler, SamplerKind};
@@ -40,6 +42,8 @@ const SURE: f64 = 0.3;
 const NOISY: f64 = 1.5;
 const UNSURE: f64 = 0.5;
 const HOPELESS: f64 = 0.8;
+/// Processor time of a path that lends and borrows light, over that of one alone, and a little more: it has to be clear.
+const COST_OF_REUSE: f64 = 1.5;
 /// Most rounds of pairs, and samples of a pixel for each of them.
 const ROUNDS: usize = 4;
 const SAMPLES_A_ROUND: usize = 16;
@@ -56,7 +60,7 @@ pub(super) fn spread_ray(exposure: &Exposure, unit: &Unit, number: u32) -> Optio
     let along = |step: f64, pixels: usize| (((0.5 + step * f64::from(number)).fract() * pixels as f64) as usize).min(pixels - 1);
     let (column, row) = (along(0.754_877_666_246_693, film.columns), along(0.569_840_290_998_053, film.rows));
     let sampler = Sampler::new(SamplerKind::Independent, exposure.settings.seed ^ SEED.rotate_left(32), (number, 0), 0, 1);
-    unit.camera_ray(column, row, &sampler).map(|camera| (camera.ray, camera.wavelengths))
+    unit.camera_ray(column, row, &sampler, &sampler).map(|camera| (camera.ray, camera.wavelengths))
 }
 
 /// Whether caustics matter by all light and that of the photons, for each block.
@@ -66,15 +70,37 @@ fn shows(blocks: &[[f64; 2]]) -> bool {
     photons > MIN_FRACTION * all || blocks.iter().any(|b| b[0] > dark && b[1] > MIN_FRACTION_OF_BLOCK * b[0])
 }
 
-/// A pixel of the trial of connections: two samples without, two with them.
-type Pair = [[f64; 2]; 2];
+/// Two samples of a pixel of the trial, by each of [`Candidate`].
+type Pair = [[f64; 2]; 3];
 
-/// Relative squared error of a sample, of all pairs of all blocks but the worst: without connections and with them.
-fn relative_noise(blocks: &[Vec<Pair>]) -> [f64; 2] {
-    let means: Vec<f64> =
-        blocks.iter().map(|pairs| 0.25 * pairs.iter().flatten().flatten().sum::<f64>() / pairs.len().max(1) as f64).collect();
+/// What is tried.
+#[derive(Clone, Copy)]
+enum Candidate {
+    Alone,
+    Reuse,
+    Connected,
+}
+
+/// What the paths of an exposure are helped by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Help {
+    /// Nothing.
+    Alone,
+    /// The light that other pixels' paths found.
+    Reuse,
+    /// Connections with light paths.
+    Connections,
+}
+
+/// Relative squared error of a sample, of all pairs of all blocks but the worst, by each of the candidates that were `tried`; 0 of others.
+fn relative_noise(blocks: &[Vec<Pair>], tried: &[Candidate]) -> [f64; 3] {
+    let mean = |pairs: &Vec<Pair>| {
+        let sum: f64 = tried.iter().flat_map(|c| pairs.iter().flat_map(|pair| pair[*c as usize])).sum();
+        0.5 * sum / (tried.len() * pairs.len()).max(1) as f64
+    };
+    let means: Vec<f64> = blocks.iter().map(mean).collect();
     let dark = DARK * means.iter().sum::<f64>() / means.len().max(1) as f64;
-    [0, 1].map(|k| {
+    [0, 1, 2].map(|k| {
         let of_block = |(pairs, mean): (&Vec<Pair>, &f64)| {
             let scale = 0.5 / (mean * mean + dark * dark).max(f64::MIN_POSITIVE);
             pairs.iter().map(|pair| scale * (pair[k][0] - pair[k][1]).powi(2)).collect::<Vec<_>>()
@@ -86,7 +112,7 @@ fn relative_noise(blocks: &[Vec<Pair>]) -> [f64; 2] {
     })
 }
 
-/// Whether connections pay, by the relative squared error of a sample without and with them; `None` where more pairs are to tell, if there are any.
+/// Whether connections pay, by the relative squared error of a sample without and with them, the first times what it costs; `None` where more pairs are to tell, if there are any.
 fn pays([without, with]: [f64; 2], is_last: bool) -> Option<bool> {
     if with < SURE * without {
         Some(true)
@@ -94,6 +120,17 @@ fn pays([without, with]: [f64; 2], is_last: bool) -> Option<bool> {
         Some(false)
     } else {
         is_last.then_some(with < UNSURE * without)
+    }
+}
+
+/// What helps most for what it costs, by the relative squared errors of the candidates that were `tried`; `None` where more pairs are to tell.
+fn best(noise: [f64; 3], tried: &[Candidate], is_last: bool) -> Option<Help> {
+    let [alone, reuse, connected] = noise;
+    let reuses = tried.iter().any(|c| matches!(c, Candidate::Reuse)) && reuse * COST_OF_REUSE < alone;
+    let (help, without) = if reuses { (Help::Reuse, reuse * COST_OF_REUSE) } else { (Help::Alone, alone) };
+    match tried.iter().any(|c| matches!(c, Candidate::Connected)) {
+        false => Some(help),
+        true => pays([without, connected], is_last).map(|pays| if pays { Help::Connections } else { help }),
     }
 }
 
@@ -110,7 +147,7 @@ impl Exposure<'_> {
                 let [column, row] = pixel_of_block(film, number, k, PHOTON_SIDE);
                 let (seed, pixel) = (self.settings.seed ^ SEED, (number as u32, k as u32));
                 let sampler = Sampler::new(SamplerKind::Independent, seed, pixel, 0, 1);
-                let camera = unit.camera_ray(column, row, &sampler)?;
+                let camera = unit.camera_ray(column, row, &sampler, &sampler)?;
                 let light_paths = LightPaths::of_photons(Some(&map));
                 Some(CameraPath { light_paths, ..CameraPath::new(camera.ray, camera.wavelengths, sampler) })
             };
@@ -131,44 +168,88 @@ impl Exposure<'_> {
         gathered && (caustics.has_delta_lamps() || shows(&blocks))
     }
 
-    /// Whether connections with light paths take away more noise than they cost, by pairs of samples at some pixels without and with them.
-    pub(super) fn pays_to_connect(&self, unit: &Unit, connections: &Connections, caustics: Option<&Caustics>) -> bool {
-        if self.settings.integrator == Integrator::Bidirectional {
-            return true;
+    /// What takes away more noise than it costs, by pairs of samples at some pixels without any help and with each. `may_reuse`: whether pixels may lend one another light.
+    pub(super) fn help(
+        &self,
+        unit: &Unit,
+        connections: Option<&Connections>,
+        caustics: Option<&Caustics>,
+        may_reuse: bool,
+    ) -> Help {
+        match (self.settings.integrator, connections) {
+            (Integrator::Bidirectional, Some(_)) => return Help::Connections,
+            (Integrator::PathReuse, _) if may_reuse => return Help::Reuse,
+            (Integrator::Auto, None) if !may_reuse => return Help::Alone,
+            (Integrator::Auto, None) if !self.has_paths_for_trial() => return Help::Reuse,
+            (Integrator::Auto, _) => {}
+            _ => return Help::Alone,
         }
         let map = caustics.map(|caustics| caustics.trial_map(PHOTONS));
-        let pools = [0, 1].map(|replicate| connections.trial_pool(LIGHT_PATHS, replicate));
+        let pools = connections.map(|connections| [0, 1].map(|replicate| connections.trial_pool(LIGHT_PATHS, replicate)));
+        let mut tried = vec![Candidate::Alone];
+        tried.extend(may_reuse.then_some(Candidate::Reuse));
+        tried.extend(pools.is_some().then_some(Candidate::Connected));
         let film = [self.camera.film.columns, self.camera.film.rows];
         let pairs = film[0] * film[1] / (FILM_A_PAIR * BLOCKS * BLOCKS);
         let side = pairs.isqrt().clamp(PAIR_SIDE.0, PAIR_SIDE.1);
-        let pair = |block: usize, k: usize| {
-            let [column, row] = pixel_of_block(film, block, k % (side * side), side);
-            let (seed, pixel) = (self.settings.seed ^ !SEED, (block as u32, k as u32));
-            let samplers = [0, 1].map(|replicate| Sampler::new(SamplerKind::Independent, seed, pixel, replicate, 2));
-            let mut pair: Pair = Default::default();
-            // One camera ray: what film, lens and wavelengths add to the noise is the same with and without connections.
-            let Some(camera) = unit.camera_ray(column, row, &samplers[0]) else { return pair };
-            for (replicate, sampler) in samplers.iter().enumerate() {
-                for (of_pair, vertices) in pair.iter_mut().zip([None, Some(&pools[replicate])]) {
+        // As many pixels, in groups.
+        let side = if may_reuse { (side * side / GROUP).isqrt().max(1) } else { side };
+        let group = |block: usize, k: usize| -> Vec<Pair> {
+            let pixel = pixel_of_block(film, block, k % (side * side), side);
+            let pixels = match may_reuse {
+                false => vec![pixel],
+                true => {
+                    let (tile, group) = pixel_groups::group_of(pixel);
+                    let of_group = (0..GROUP).map(|number| pixel_groups::pixel_of_group(tile, (group + k) % GROUPS, number));
+                    of_group.filter(|[x, y]| *x < film[0] && *y < film[1]).collect()
+                }
+            };
+            let samplers_of = |number: usize| {
+                let (seed, pixel) = (self.settings.seed ^ !SEED, (block as u32, (k * GROUP + number) as u32));
+                [0, 1].map(|replicate| Sampler::new(SamplerKind::Independent, seed, pixel, replicate, 2))
+            };
+            let of_group = samplers_of(0)[0];
+            // One camera ray: what film, lens and wavelengths add to the noise is the same with and without help.
+            let begin = |(number, [column, row]): (usize, &[usize; 2])| {
+                let samplers = samplers_of(number);
+                Some((unit.camera_ray(*column, *row, &samplers[0], &of_group)?, samplers))
+            };
+            let rays: Vec<_> = pixels.iter().enumerate().filter_map(begin).collect();
+            let mut pairs = vec![Pair::default(); rays.len()];
+            for replicate in [0, 1] {
+                for candidate in &tried {
+                    let vertices = match candidate {
+                        Candidate::Connected => pools.as_ref().map(|pools| &pools[replicate]),
+                        _ => None,
+                    };
                     let light_paths = LightPaths { photons: map.as_ref(), vertices };
-                    let path = CameraPath { light_paths, ..CameraPath::new(camera.ray, camera.wavelengths, *sampler) };
-                    let light = self.scene.radiance_along(&path, &self.settings.path);
-                    let light = f64::from((light * camera.wavelengths.weight).element_sum());
-                    of_pair[replicate] = if light.is_finite() { light } else { 0.0 };
+                    let path = |(camera, samplers): &(CameraRay, [Sampler; 2])| CameraPath {
+                        light_paths,
+                        ..CameraPath::new(camera.ray, camera.wavelengths, samplers[replicate])
+                    };
+                    let paths: Vec<CameraPath> = rays.iter().map(path).collect();
+                    let radiances = match candidate {
+                        Candidate::Reuse => self.scene.radiance_of_group(&paths, &self.settings.path),
+                        _ => self.scene.radiance_of(&paths, &self.settings.path),
+                    };
+                    for ((pair, light), path) in pairs.iter_mut().zip(radiances).zip(&paths) {
+                        let light = f64::from((light * path.wavelengths.weight).element_sum());
+                        pair[*candidate as usize][replicate] = if light.is_finite() { light } else { 0.0 };
+                    }
                 }
             }
-            pair
+            pairs
         };
         let mut blocks: Vec<Vec<Pair>> = vec![Vec::new(); BLOCKS * BLOCKS];
         let rounds = (self.settings.spp as usize / SAMPLES_A_ROUND).clamp(1, ROUNDS);
         for round in 0..rounds {
             let numbers = round * side * side..(round + 1) * side * side;
-            blocks.par_iter_mut().enumerate().for_each(|(b, pairs)| pairs.extend(numbers.clone().map(|k| pair(b, k))));
-            if let Some(pays) = pays(relative_noise(&blocks), round + 1 == rounds) {
-                return pays;
+            blocks.par_iter_mut().enumerate().for_each(|(b, pairs)| pairs.extend(numbers.clone().flat_map(|k| group(b, k))));
+            if let Some(help) = best(relative_noise(&blocks, &tried), &tried, round + 1 == rounds) {
+                return help;
             }
         }
-        false
+        Help::Alone
     }
 }
 
@@ -193,16 +274,17 @@ mod tests {
     #[test]
     fn noise_is_relative_to_the_light_of_a_block_and_without_the_worst_pairs() {
         // Means 1 and 100, of relative differences 0.2 without and 0.1 with connections.
-        let pair = |mean: f64| [[0.9 * mean, 1.1 * mean], [0.95 * mean, 1.05 * mean]];
+        let pair = |mean: f64| [[0.9 * mean, 1.1 * mean], [0.0; 2], [0.95 * mean, 1.05 * mean]];
+        let tried = [Candidate::Alone, Candidate::Connected];
         let mut blocks = vec![vec![pair(1.0); 500], vec![pair(100.0); 500]];
-        let [without, with] = relative_noise(&blocks);
+        let [without, _, with] = relative_noise(&blocks, &tried);
         // The dim block is a fiftieth of the mean of both: 1 / (1 + 5.05²) of its own noise counts.
         let counts = 0.5 * (1.0 / (1.0 + 5.05f64.powi(2)) + 1.0 / (1.0 + 0.0505f64.powi(2)));
         assert!((without - 0.02 * counts).abs() < 1e-4 && (with - 0.005 * counts).abs() < 3e-5, "{without} {with}");
         // One sample that met the lamp by chance does not decide.
         blocks[1][7][0] = [20_000.0, 0.0];
-        assert!((relative_noise(&blocks)[0] / without - 1.0).abs() < 0.25);
-        assert_eq!(relative_noise(&[vec![[[0.0; 2]; 2]; 4]]), [0.0; 2]);
+        assert!((relative_noise(&blocks, &tried)[0] / without - 1.0).abs() < 0.25);
+        assert_eq!(relative_noise(&[vec![Pair::default(); 4]], &tried), [0.0; 3]);
     }
 
     #[test]

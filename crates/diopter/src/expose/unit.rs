@@ -28,6 +28,8 @@ pub(super) struct Unit<'a> {
     pub cascade: Option<Cascade>,
     /// Whether light is traced from lamps, too.
     pub light_traced: bool,
+    /// Whether pixels of a group lend one another light ([`super::pixel_groups`]).
+    pub reuses: bool,
     /// Diffraction, if there is any.
     pub optics: Option<&'a Optics>,
     /// Whether pixels have sums for what lamps send far out.

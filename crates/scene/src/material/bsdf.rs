@@ -104,6 +104,11 @@ impl Bsdf<'_> {
         self.frame.ng
     }
 
+    /// The shading normal on the side light is seen from.
+    pub(crate) fn shading_normal(&self) -> Vec3 {
+        self.frame.axes[2]
+    }
+
     /// The normal that the choice among lights goes by: 0 of fibres, which pass light on to all sides.
     pub fn light_normal(&self) -> Vec3 {
         if self.is_fiber() { Vec3::ZERO } else { self.frame.ng }
@@ -181,6 +186,15 @@ impl Bsdf<'_> {
             Lobes::Measured(lobe) => one(lobe.is_wide(least_alpha), false),
             Lobes::Coated(lobes) => one(lobes.is_wide(least_alpha), lobes.is_specular()),
             Lobes::Principled(lobes) => lobes.breadth(least_alpha),
+        }
+    }
+
+    /// Whether nothing goes through.
+    pub(crate) fn only_reflects(&self) -> bool {
+        match &self.lobes {
+            Lobes::Diffuse { .. } | Lobes::Conductor(_) | Lobes::Coated(_) | Lobes::Measured(_) => true,
+            Lobes::Principled(lobes) => !lobes.transmits(),
+            Lobes::DiffuseTransmission { .. } | Lobes::Hair(_) => false,
         }
     }
 

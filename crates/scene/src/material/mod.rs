@@ -450,6 +450,23 @@ impl Material {
         of(&self.scattering)
     }
 
+    /// Whether it is one of several materials at each point, by chance.
+    pub(crate) fn is_mixed(&self) -> bool {
+        matches!(self.scattering, Scattering::Mix(_))
+    }
+
+    /// Whether it may bend wavelengths differently.
+    pub(crate) fn may_disperse(&self) -> bool {
+        fn of(scattering: &Scattering) -> bool {
+            match scattering {
+                Scattering::Principled(p) => p.dispersion.is_some(),
+                Scattering::Mix(mix) => mix.0.iter().any(of),
+                _ => false,
+            }
+        }
+        of(&self.scattering)
+    }
+
     /// Fraction of white light reflected or passed on, linear sRGB: for the albedo plane. Of captured places, which reflect none, what they show.
     pub fn albedo(&self, surface: &Surface) -> Vec3 {
         if let Some(Emission { radiance: EmissionColor::Captured { .. }, .. }) = self.emission {

@@ -9,6 +9,16 @@ use crate::light_paths::LightVertices;
 use crate::light_paths::connect::CameraVertex;
 use diopter_light::SampledSpectrum;
 use diopter_light::random::Dimensions;
+use glam::Vec3;
+
+/// Where the light comes from that was chosen for a vertex.
+#[derive(Clone, Copy)]
+pub(super) struct LightChoice {
+    /// Unit direction.
+    pub wi: Vec3,
+    /// Whether the light has extent, so that a scattered ray could have met it.
+    pub has_extent: bool,
+}
 
 impl<'a> Transport<'a> {
     /// Chooses a light for a vertex of a path by numbers from 0 to 1, and a place on it; none where it brings nothing even if nothing is on the way.
@@ -20,43 +30,56 @@ impl<'a> Transport<'a> {
         u: [f32; 4],
         camera_vertex: Option<&(&LightVertices, CameraVertex<'_, 'a>)>,
     ) {
+        self.choose_light_for(path, here, u, camera_vertex, true);
+    }
+
+    /// The same; what comes is scattered into the path where `is_scattered`, and arrives there as it is where not, whether the surface scatters it or not. Gives where it comes from.
+    #[inline(always)]
+    pub fn choose_light_for<T: Tally>(
+        &self,
+        path: &mut Path<'a, T>,
+        here: &SurfaceVertex<'_, 'a>,
+        u: [f32; 4],
+        camera_vertex: Option<&(&LightVertices, CameraVertex<'_, 'a>)>,
+        is_scattered: bool,
+    ) -> Option<LightChoice> {
         let (surface, bsdf, time_s) = (here.surface, here.bsdf, path.ray.time_s);
         if bsdf.is_specular() {
-            return;
+            return None;
         }
-        if let Some((light, probability)) = self.scene.lights().choose(surface.point, bsdf.light_normal(), u[2], path.flash)
-            && let Some(light_sample) = self.scene.sample_li(light, surface.point, [u[0], u[1]], time_s)
-        {
-            let (f, pdf) = bsdf.eval(light_sample.wi);
-            if f == SampledSpectrum::ZERO {
-                return;
-            }
-            let density = probability * light_sample.pdf;
-            let by_chance = if light_sample.has_extent { squared_ratio(pdf, density) } else { 0.0 };
-            let weight = 1.0 / (1.0 + by_chance);
-            let by_connection = camera_vertex
-                .map_or(0.0, |(pool, here)| here.connection_ratio_to_light_sample(pool, light, &light_sample, density));
-            let incident = self.scene.incident_radiance(&light_sample, &path.camera.wavelengths, time_s);
-            let contribution = path.throughput * f * incident * (weight / density);
-            if contribution == SampledSpectrum::ZERO {
-                return;
-            }
-            let (origin, medium_stack) = here.leave(self.scene, path.medium_stack, light_sample.wi);
-            let tallied = path.tally.vertex(bsdf, here.wo, light_sample.wi);
-            let (point, vertex, depth) = (surface.point, path.vertex, path.depth());
-            path.connection = Some(LightConnection {
-                light_sample,
-                contribution,
-                point,
-                origin,
-                medium_stack,
-                by_chance,
-                by_connection,
-                vertex,
-                depth,
-                tallied,
-            });
+        let (light, probability) = self.scene.lights().choose(surface.point, bsdf.light_normal(), u[2], path.flash)?;
+        let light_sample = self.scene.sample_li(light, surface.point, [u[0], u[1]], time_s)?;
+        let (f, pdf) = bsdf.eval(light_sample.wi);
+        if is_scattered && f == SampledSpectrum::ZERO || !is_scattered && light_sample.wi.dot(here.ng) <= 0.0 {
+            return None;
         }
+        let f = if is_scattered { f } else { SampledSpectrum::ONE };
+        let density = probability * light_sample.pdf;
+        let by_chance = if light_sample.has_extent { squared_ratio(pdf, density) } else { 0.0 };
+        let weight = 1.0 / (1.0 + by_chance);
+        let by_connection =
+            camera_vertex.map_or(0.0, |(pool, here)| here.connection_ratio_to_light_sample(pool, light, &light_sample, density));
+        let incident = self.scene.incident_radiance(&light_sample, &path.camera.wavelengths, time_s);
+        let contribution = path.throughput * f * incident * (weight / density);
+        if contribution == SampledSpectrum::ZERO {
+            return None;
+        }
+        let (origin, medium_stack) = here.leave(self.scene, path.medium_stack, light_sample.wi);
+        let tallied = path.tally.vertex(bsdf, here.wo, light_sample.wi);
+        let (point, vertex, depth) = (surface.point, path.vertex, path.depth());
+        path.connection = Some(LightConnection {
+            light_sample,
+            contribution,
+            point,
+            origin,
+            medium_stack,
+            by_chance,
+            by_connection,
+            vertex,
+            depth,
+            tallied,
+        });
+        Some(LightChoice { wi: light_sample.wi, has_extent: light_sample.has_extent })
     }
 
     /// Adds what the light brings that was chosen for a vertex of a path, less what is on the way.

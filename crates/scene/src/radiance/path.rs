@@ -46,7 +46,7 @@ pub(super) struct Path<'a, T: Tally> {
     cone: Cone,
     pub throughput: SampledSpectrum,
     /// Whether its wavelengths stay together: RGB never disperses, and after dispersion the hero alone is left.
-    hero_only: bool,
+    pub hero_only: bool,
     /// Whether a flash is burning.
     pub flash: bool,
     /// Whether its ray is the camera's still, but for thin dielectrics and faces of media.
@@ -54,7 +54,7 @@ pub(super) struct Path<'a, T: Tally> {
     pub medium_stack: MediumStack,
     /// With a light that was chosen and may be hidden.
     pub connection: Option<LightConnection<T::Vertex>>,
-    last: Option<PrevScatter>,
+    pub last: Option<PrevScatter>,
     /// Where `last` is a vertex in a medium: the segment on which it lies.
     medium_scatter: Option<MediumScatter>,
     camera_subpath: CameraSubpath,
@@ -66,9 +66,9 @@ pub(super) struct Path<'a, T: Tally> {
     /// Of them those within bodies, which do not count as scattering events.
     subsurface_events: u32,
     segment_index: u32,
-    roulette_depth: u32,
+    pub roulette_depth: u32,
     /// Product of the η² by which refraction scaled radiance; Russian roulette leaves it out (pbrt's `etaScale`).
-    eta_scale: f32,
+    pub eta_scale: f32,
 }
 
 impl<T: Tally> Path<'_, T> {
@@ -84,6 +84,25 @@ impl<T: Tally> Path<'_, T> {
 pub(super) enum Next {
     GoesOn,
     Ended,
+}
+
+/// A surface that scatters, where a path arrives at it.
+pub(super) struct Arrival<'v, 'a> {
+    pub surface: &'v Surface,
+    pub material: &'a Material,
+    entering: bool,
+    wo: Vec3,
+    around: Option<&'a Principled>,
+    pub bsdf: Bsdf<'a>,
+}
+
+impl<'a> Arrival<'_, 'a> {
+    /// As a vertex of the path.
+    #[inline]
+    pub fn vertex(&self) -> SurfaceVertex<'_, 'a> {
+        let &Arrival { surface, material, entering, wo, around, ref bsdf } = self;
+        SurfaceVertex { surface, material, entering, wo, around, bsdf, ng: bsdf.side_normal() }
+    }
 }
 
 /// A surface that scatters, as a path meets it.
@@ -148,7 +167,12 @@ impl<'a> Transport<'a> {
     /// Follows a path to its end.
     #[inline]
     pub fn follow<T: Tally>(&self, camera: &'a CameraPath<'a>, tally: T) -> T {
-        let mut path = self.begin(camera, tally);
+        self.follow_on(self.begin(camera, tally))
+    }
+
+    /// The same of one that is on its way.
+    #[inline(always)]
+    pub fn follow_on<T: Tally>(&self, mut path: Path<'a, T>) -> T {
         loop {
             let mut hit = self.find_hit(&path);
             let next = self.shade(&mut path, hit.as_mut());
@@ -161,13 +185,24 @@ impl<'a> Transport<'a> {
 
     /// What the ray of a path meets first.
     #[inline]
-    fn find_hit<T: Tally>(&self, path: &Path<'a, T>) -> Option<Surface> {
+    pub fn find_hit<T: Tally>(&self, path: &Path<'a, T>) -> Option<Surface> {
         self.scene.intersect(&path.ray, f32::INFINITY)
     }
 
     /// The segment up to what was met, and the vertex at its end: what shines, what is connected, where the path goes on.
     #[inline]
     fn shade<T: Tally>(&self, path: &mut Path<'a, T>, hit: Option<&mut Surface>) -> Next {
+        self.arrive(path, hit, |path, here| self.scatter_light(path, &here.vertex()))
+    }
+
+    /// The segment up to what was met, and what shines at its end; `scatter` does the rest where that is a surface that scatters.
+    #[inline(always)]
+    pub fn arrive<T: Tally>(
+        &self,
+        path: &mut Path<'a, T>,
+        hit: Option<&mut Surface>,
+        scatter: impl FnOnce(&mut Path<'a, T>, Arrival<'_, 'a>) -> Next,
+    ) -> Next {
         let reach = hit.as_ref().map_or(f32::INFINITY, |s| s.t);
         path.segment_index += 1;
         if let Some((medium, span)) = path.medium_stack.span(self.scene, &path.ray, reach)
@@ -193,11 +228,10 @@ impl<'a> Transport<'a> {
         }
         let wo = -path.ray.direction;
         let around = path.medium_stack.around(self.scene, surface.object);
-        let Some(bsdf) = material.bsdf(surface, wo, &path.camera.wavelengths, path.hero_only, around) else {
-            return Next::Ended;
-        };
-        let here = SurfaceVertex { surface, material, entering, wo, around, bsdf: &bsdf, ng: bsdf.side_normal() };
-        self.scatter_light(path, &here)
+        match material.bsdf(surface, wo, &path.camera.wavelengths, path.hero_only, around) {
+            None => Next::Ended,
+            Some(bsdf) => scatter(path, Arrival { surface, material, entering, wo, around, bsdf }),
+        }
     }
 
     /// Takes a segment through a medium; `None` where the path reaches its end.
@@ -338,7 +372,7 @@ impl<'a> Transport<'a> {
 
     /// Adds the light that a surface scatters into the ray, and sends the path on.
     #[inline]
-    fn scatter_light<T: Tally>(&self, path: &mut Path<'a, T>, here: &SurfaceVertex<'_, 'a>) -> Next {
+    pub fn scatter_light<T: Tally>(&self, path: &mut Path<'a, T>, here: &SurfaceVertex<'_, 'a>) -> Next {
         if let Some(photons) = path.camera.light_paths.photons {
             self.gather(path, here, photons);
         }
@@ -429,8 +463,24 @@ impl<'a> Transport<'a> {
         camera_vertex: Option<&CameraVertex<'_, 'a>>,
         joint: Option<MediumId>,
     ) -> Next {
+        match here.bsdf.sample(u) {
+            None => Next::Ended,
+            Some(scatter) => self.go_along(path, here, scatter, u[3], camera_vertex, joint),
+        }
+    }
+
+    /// Goes on as it was drawn, unless Russian roulette by the number `u` ends the path.
+    #[inline]
+    pub fn go_along<T: Tally>(
+        &self,
+        path: &mut Path<'a, T>,
+        here: &SurfaceVertex<'_, 'a>,
+        scatter: Scatter,
+        u: f32,
+        camera_vertex: Option<&CameraVertex<'_, 'a>>,
+        joint: Option<MediumId>,
+    ) -> Next {
         let (surface, bsdf) = (here.surface, here.bsdf);
-        let Some(scatter) = bsdf.sample(u) else { return Next::Ended };
         path.throughput *= scatter.weight;
         path.tally.scatter(bsdf, here.wo, scatter.wi, scatter.specular);
         if scatter.disperses && !path.hero_only {
@@ -478,8 +528,7 @@ impl<'a> Transport<'a> {
         }
         path.eta_scale *= scatter.eta_scale;
         path.vertex += 1;
-        if !russian_roulette::goes_on(&mut path.throughput, path.eta_scale, path.vertex, u[3], path.roulette_depth, MOST_SURVIVAL)
-        {
+        if !russian_roulette::goes_on(&mut path.throughput, path.eta_scale, path.vertex, u, path.roulette_depth, MOST_SURVIVAL) {
             return Next::Ended;
         }
         let normal = if transmitted { -here.ng } else { here.ng };

@@ -93,6 +93,24 @@ impl Tally for SampledSpectrum {
     }
 }
 
+/// A tally of which a part can be summed apart and added later: of all light alone.
+pub(super) trait Divisible: Tally + Default {
+    /// All light so far.
+    fn all(&self) -> SampledSpectrum;
+}
+
+impl Divisible for SampledSpectrum {
+    fn all(&self) -> SampledSpectrum {
+        *self
+    }
+}
+
+impl Divisible for DirectTally {
+    fn all(&self) -> SampledSpectrum {
+        self.all
+    }
+}
+
 /// All light, and that of at most [`DIRECT_EVENTS`].
 #[derive(Default)]
 pub(super) struct DirectTally {

@@ -13,6 +13,7 @@ mod measured;
 mod media;
 mod pbrt;
 mod polarized_transport;
+mod reuse;
 mod subsurface;
 mod transport;
 mod volumes;

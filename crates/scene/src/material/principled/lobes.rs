@@ -268,6 +268,11 @@ impl PrincipledLobes<'_> {
         self.eval_lobes(wo, wi, 0.0)
     }
 
+    /// Whether any light goes through.
+    pub(in crate::material) fn transmits(&self) -> bool {
+        self.seen.choice[2] > 0.0
+    }
+
     /// Which lobes it has, without those that are specular.
     pub(in crate::material) fn breadth(&self, least_alpha: f32) -> Breadth {
         let [_, diffuse, _, coat, sheen] = self.seen.choice;

@@ -1,0 +1,318 @@
+//! Paths of a group of pixels lend one another the light that they found.
+//!
+//! Where a path meets its first surface that is not a mirror or clear glass (the receiver), it goes on to a second one (the donor), and follows the light that leaves that one towards the first. That light
+//! would have served the other paths of the group as well: each receiver of the group is connected with each donor by a shadow ray, and what arrives is weighted by the balance heuristic over all paths of
+//! the group that could have found this donor. Unbiased; indirect light of a group of n pixels has up to n times less variance, for n − 1 shadow rays a path. Errors of the pixels of a
+//! group are correlated, those of samples of one pixel are not.
+//!
+//! Sources: Bekaert, Sbert & Halton 2002, "Accelerating Path Tracing by Re-Using Paths", EGWR; Veach 1997, §9.2 (balance heuristic).
+//!
+//! A donor is lent where it reflects broadly (`BROAD_ALPHA`), whatever receiver found it; others serve their own path alone. So do directions through a surface, and donors behind panes and faces of
+//! media: a shadow ray that meets any of them is blocked, as the path that found a donor met none.
+
+use super::CameraPath;
+use super::path::{Arrival, Next, Path, Transport};
+use super::tally::Divisible;
+use crate::material::{Bsdf, Coverage, Material, Scatter};
+use crate::scene::{Scene, Shape};
+use crate::shape::Surface;
+use diopter_light::random::Dimensions;
+use diopter_light::{Ray, SampledSpectrum, SampledWavelengths};
+use glam::Vec3;
+
+/// Least GGX width of the microfacets of a donor: what narrower ones reflect towards another receiver is not what the path was sampled for.
+const BROAD_ALPHA: f32 = 0.2;
+
+/// Least cosine to the shading normal under which a scattering function of a diffuse surface is the same from all sides (`LocalFrame::new` tilts the normal below).
+const UNTILTED: f32 = 0.01;
+
+/// Where a path of the group receives light: its first surface that is no mirror.
+struct Receiver<'a> {
+    path: usize,
+    surface: Surface,
+    bsdf: Bsdf<'a>,
+    /// Of the path up to there.
+    throughput: SampledSpectrum,
+    depth: u32,
+    time_s: f32,
+}
+
+/// A surface that a path of the group found behind its receiver.
+struct Donor<'a> {
+    path: usize,
+    surface: Surface,
+    material: &'a Material,
+    /// Geometric normal on the side of the receiver, and the shading normal.
+    ng: Vec3,
+    ns: Vec3,
+    wavelengths: &'a SampledWavelengths,
+    hero_only: bool,
+    /// Light that was found there: of a lamp, and where the path went on.
+    found: [Found; 2],
+    /// What of it goes to its own receiver, and to the others, too: radiance.
+    radiance: SampledSpectrum,
+    /// Whether that is the same to all sides.
+    is_diffuse: bool,
+}
+
+/// A path that went on from a donor, whose tally is that of the donor.
+struct Continued<T> {
+    /// Of the path up to there.
+    own: T,
+    throughput: SampledSpectrum,
+    /// f cos θ of the lobes that are lent, and of the others.
+    broad: SampledSpectrum,
+    narrow: SampledSpectrum,
+}
+
+/// Light that was found at a donor.
+#[derive(Clone, Copy, Default)]
+struct Found {
+    /// Unit direction from which it comes.
+    wi: Vec3,
+    /// Radiance over the density of the direction.
+    light: SampledSpectrum,
+    /// Whether narrow lobes are lent, too. Not where it could have been found in two ways, of which narrow lobes decide how much each counts; and what was drawn for one direction is noise in another.
+    through_narrow: bool,
+}
+
+impl Found {
+    /// f cos θ of what is lent.
+    #[inline]
+    fn response(&self, bsdf: &Bsdf) -> SampledSpectrum {
+        match self.light == SampledSpectrum::ZERO {
+            true => SampledSpectrum::ZERO,
+            false if self.through_narrow => bsdf.eval(self.wi).0,
+            false => bsdf.eval_broad(self.wi, BROAD_ALPHA),
+        }
+    }
+}
+
+impl Scene {
+    /// Whether paths of several pixels may lend one another light ([`Scene::radiance_of_group`]): nothing moves or flickers, there is no fog around, and whether one place sees another is certain.
+    pub fn lets_paths_be_reused(&self) -> bool {
+        let is_certain = |object: &crate::scene::Object| {
+            let material = self.material_at(object.material);
+            !matches!(object.shape, Shape::Splats { .. }) && !matches!(material.coverage, Coverage::Blend(_))
+        };
+        self.air().is_none() && !self.moves() && !self.flickers() && self.description().objects.iter().all(is_certain)
+    }
+
+    fn may_disperse(&self) -> bool {
+        self.description().materials.iter().any(Material::may_disperse)
+    }
+}
+
+impl<'a> Transport<'a> {
+    /// Follows paths that lend one another light where they may: those of the same wavelengths, without light paths.
+    pub fn follow_group<T: Divisible>(&self, cameras: &'a [CameraPath<'a>], tally: impl Fn() -> T) -> Vec<T> {
+        if cameras.len() < 2 || !may_lend(cameras, self.scene) {
+            return cameras.iter().map(|camera| self.follow(camera, tally())).collect();
+        }
+        let mut receivers = Vec::with_capacity(cameras.len());
+        let mut donors = Vec::with_capacity(cameras.len());
+        let mut tallies: Vec<T> = Vec::with_capacity(cameras.len());
+        for (number, camera) in cameras.iter().enumerate() {
+            tallies.push(self.follow_divided(camera, tally(), number, &mut receivers, &mut donors));
+        }
+        self.lend(&receivers, &donors, &mut tallies);
+        tallies
+    }
+
+    /// Follows a path, and leaves out of its tally what its donor brings.
+    fn follow_divided<T: Divisible>(
+        &self,
+        camera: &'a CameraPath<'a>,
+        tally: T,
+        number: usize,
+        receivers: &mut Vec<Receiver<'a>>,
+        donors: &mut Vec<Donor<'a>>,
+    ) -> T {
+        let mut path = self.begin(camera, tally);
+        let mut at_rough = false;
+        let (before, time_s) = (receivers.len(), path.ray.time_s);
+        while !at_rough {
+            let mut hit = self.find_hit(&path);
+            let next = self.arrive(&mut path, hit.as_mut(), |path, here| {
+                at_rough = !here.bsdf.is_specular();
+                let (throughput, depth) = (path.throughput, path.depth());
+                // Where roulette could end the path here, the density of what it finds would be another.
+                let receives = at_rough
+                    && path.vertex + 1 < path.roulette_depth
+                    && path.medium_stack.is_outside()
+                    && !here.bsdf.is_fiber()
+                    && !here.surface.is_strand();
+                let next = self.scatter_light(path, &here.vertex());
+                if receives {
+                    let Arrival { surface, bsdf, .. } = here;
+                    receivers.push(Receiver { path: number, surface: *surface, bsdf, throughput, depth, time_s });
+                }
+                next
+            });
+            self.connect_to_light(&mut path);
+            if next == Next::Ended {
+                return path.tally;
+            }
+        }
+        let Some(receiver) = receivers.get(before) else { return self.follow_on(path) };
+        // A surface may also be a mirror, by chance, or let light through.
+        let was_rough = path.last.is_some_and(|last| last.point == receiver.surface.point);
+        if !was_rough || path.ray.direction.dot(receiver.bsdf.side_normal()) <= 0.0 {
+            return self.follow_on(path);
+        }
+        let mut hit = self.find_hit(&path);
+        let (mut donor, mut aside, mut depth) = (None, None, 0);
+        let next = self.arrive(&mut path, hit.as_mut(), |path, here| {
+            depth = path.depth();
+            let lends =
+                here.bsdf.only_reflects() && !here.bsdf.is_specular() && !here.surface.is_strand() && !here.material.is_mixed();
+            match lends {
+                true => self.scatter_apart(path, &here, number, &mut donor, &mut aside),
+                false => self.scatter_light(path, &here.vertex()),
+            }
+        });
+        self.connect_to_light(&mut path);
+        let tally = if next == Next::Ended { path.tally } else { self.follow_on(path) };
+        let Some(mut donor) = donor else { return tally };
+        let tally = match aside {
+            None => tally,
+            Some(own) => {
+                let Continued { mut own, throughput, broad, narrow } = own;
+                donor.found[1].light = tally.all();
+                donor.radiance += broad * donor.found[1].light;
+                own.add(throughput * narrow * donor.found[1].light, depth + 1);
+                own
+            }
+        };
+        if donor.found.iter().any(|found| found.light != SampledSpectrum::ZERO) {
+            donors.push(donor);
+        }
+        tally
+    }
+
+    /// Light at a donor, and where the path goes on from there: what is found from now on is the donor's, and the path's own tally is laid `aside`, unless a mirror was drawn.
+    fn scatter_apart<T: Divisible>(
+        &self,
+        path: &mut Path<'a, T>,
+        here: &Arrival<'_, 'a>,
+        number: usize,
+        donor: &mut Option<Donor<'a>>,
+        aside: &mut Option<Continued<T>>,
+    ) -> Next {
+        let (vertex, bsdf) = (here.vertex(), &here.bsdf);
+        let [light_numbers, scatter_numbers] =
+            path.camera.sampler.get_two([Dimensions::Light(path.vertex), Dimensions::Scatter(path.vertex)]);
+        let throughput = std::mem::replace(&mut path.throughput, SampledSpectrum::ONE);
+        let mut own = std::mem::take(&mut path.tally);
+        let chosen = self.choose_light_for(path, &vertex, light_numbers, None, false);
+        self.connect_to_light(path);
+        let light = std::mem::take(&mut path.tally).all();
+        let by_light = chosen.map_or(Found::default(), |c| Found { wi: c.wi, light, through_narrow: !c.has_extent });
+        let broad = by_light.response(bsdf);
+        if by_light.light != SampledSpectrum::ZERO && !by_light.through_narrow {
+            own.add(throughput * (bsdf.eval(by_light.wi).0 - broad) * by_light.light, path.depth() + 1);
+        }
+        let donor = donor.insert(Donor {
+            path: number,
+            surface: *here.surface,
+            material: here.material,
+            ng: vertex.ng,
+            ns: bsdf.shading_normal(),
+            wavelengths: &path.camera.wavelengths,
+            hero_only: path.hero_only,
+            is_diffuse: bsdf.diffuse_albedo().is_some() && bsdf.shading_normal().dot(vertex.wo) >= UNTILTED,
+            found: [by_light, Found::default()],
+            radiance: broad * by_light.light,
+        });
+        let Some(scatter) = bsdf.sample(scatter_numbers) else {
+            path.tally = own;
+            return Next::Ended;
+        };
+        let u = scatter_numbers[3];
+        let broad = bsdf.eval_broad(scatter.wi, BROAD_ALPHA);
+        if scatter.specular || broad == SampledSpectrum::ZERO {
+            (path.tally, path.throughput) = (own, throughput);
+            return self.go_along(path, &vertex, scatter, u, None, None);
+        }
+        donor.found[1].wi = scatter.wi;
+        let all = scatter.weight * scatter.pdf;
+        *aside = Some(Continued { own, throughput, broad, narrow: (all - broad).max(SampledSpectrum::ZERO) });
+        // Roulette goes by what the path itself would carry.
+        path.eta_scale *= (throughput * scatter.weight).max_element() * scatter.pdf;
+        let weight = SampledSpectrum::splat(1.0 / scatter.pdf);
+        self.go_along(path, &vertex, Scatter { weight, ..scatter }, u, None, None)
+    }
+
+    /// Adds what all donors bring to all receivers.
+    fn lend<T: Divisible>(&self, receivers: &[Receiver<'a>], donors: &[Donor<'a>], tallies: &mut [T]) {
+        let mut lent = Vec::with_capacity(receivers.len());
+        for donor in donors {
+            let Some(own) = receivers.iter().find(|r| r.path == donor.path) else { continue };
+            let mut density = 0.0;
+            lent.clear();
+            for receiver in receivers.iter().filter(|r| r.depth == own.depth) {
+                let to_donor = donor.surface.point - receiver.surface.point;
+                let squared = to_donor.length_squared();
+                let wi = to_donor / squared.sqrt();
+                let facing = -wi.dot(donor.ng);
+                let side = receiver.bsdf.side_normal();
+                if !(facing > 0.0 && wi.dot(side) > 0.0) {
+                    continue;
+                }
+                let (f, pdf) = receiver.bsdf.eval(wi);
+                if f == SampledSpectrum::ZERO {
+                    continue;
+                }
+                let is_own = receiver.path == donor.path;
+                if !is_own && self.is_hidden(receiver, donor, wi) {
+                    continue;
+                }
+                let geometry = facing / squared;
+                density += pdf * geometry;
+                let radiance = if is_own { donor.radiance } else { self.radiance_towards(donor, -wi) };
+                lent.push((receiver.path, receiver.throughput * f * radiance * geometry));
+            }
+            for (path, light) in &lent {
+                // At both surfaces.
+                let light = *light / density;
+                if light.is_finite() {
+                    tallies[*path].add(light, own.depth + 2);
+                }
+            }
+        }
+    }
+
+    /// Whether something stands between a receiver and a donor in the direction `wi`.
+    #[inline]
+    fn is_hidden(&self, receiver: &Receiver, donor: &Donor, wi: Vec3) -> bool {
+        let origin = receiver.surface.leave(receiver.bsdf.side_normal(), wi);
+        let to_end = donor.surface.leave(donor.ng, -wi) - origin;
+        let distance = to_end.length();
+        let ray = Ray { origin, direction: to_end / distance, time_s: receiver.time_s };
+        self.scene.occluded(&ray, distance)
+    }
+
+    /// Radiance from a donor towards `wo`.
+    #[inline]
+    fn radiance_towards(&self, donor: &Donor<'a>, wo: Vec3) -> SampledSpectrum {
+        if donor.is_diffuse && donor.ns.dot(wo) >= UNTILTED {
+            return donor.radiance;
+        }
+        let seen = donor.material.bsdf(&donor.surface, wo, donor.wavelengths, donor.hero_only, None);
+        seen.map_or(SampledSpectrum::ZERO, |bsdf| donor.found.iter().map(|found| found.response(&bsdf) * found.light).sum())
+    }
+}
+
+/// Whether paths carry the same wavelengths and know nothing of light paths. Behind lenses that disperse each ray has its own weight of the hero where a body disperses, too: they are to be the same
+/// within 2 %, by which light behind such bodies may be off.
+fn may_lend(cameras: &[CameraPath], scene: &Scene) -> bool {
+    let first = &cameras[0].wavelengths;
+    let disperses = !first.is_rgb() && scene.may_disperse();
+    let of_hero = |camera: &CameraPath| (camera.wavelengths.hero_only().x / first.hero_only().x - 1.0).abs() < 0.02;
+    cameras.iter().all(|camera| {
+        camera.light_paths.photons.is_none()
+            && camera.light_paths.vertices.is_none()
+            && camera.wavelengths.nm == first.nm
+            && (!disperses || of_hero(camera))
+    })
+}

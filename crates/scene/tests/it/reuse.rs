@@ -1,0 +1,249 @@
+//! Paths of a group that lend one another light: the same means, less noise.
+
+use diopter_light::random::{Dimensions, Sampler, SamplerKind};
+use diopter_light::wavelength::WavelengthSampler;
+use diopter_light::{Ray, SampledSpectrum, Spectrum};
+use diopter_scene::light::{Environment, Punctual, PunctualKind};
+use diopter_scene::light_paths::{CausticSettings, Caustics, Lamps, LightPaths};
+use diopter_scene::material::conductor::FacetBounces;
+use diopter_scene::material::{Conductor, Coverage, Interior, Material, Principled, Scattering, Transmission};
+use diopter_scene::medium::Medium;
+use diopter_scene::radiance::CameraPath;
+use diopter_scene::shape::{Mesh, Quad, Sphere};
+use diopter_scene::texture::{Color, Scalar};
+use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
+use glam::{Affine3A, Vec3};
+use std::sync::Arc;
+
+const GROUP: u32 = 16;
+
+fn quad(name: &str, corner: [f32; 3], edges: [[f32; 3]; 2], material: u32) -> Object {
+    Object::new(name, Shape::Quad(Quad { corner: corner.into(), edges: edges.map(Vec3::from) }), material)
+}
+
+fn ball(name: &str, center: [f32; 3], radius: f32, material: u32) -> Object {
+    Object::new(name, Shape::Sphere(Sphere { center: center.into(), radius }), material)
+}
+
+fn metal(alpha: f32) -> Scattering {
+    let (n, k) = (Spectrum::Constant(0.2), Spectrum::Constant(3.0));
+    Scattering::Conductor(Conductor { n, k, alpha: Scalar::Constant(alpha), across: None, bounces: FacetBounces::Lost })
+}
+
+fn principled(change: impl FnOnce(&mut Principled)) -> Scattering {
+    let mut p = Principled::new(Color::rgb(0.7, 0.6, 0.3), 1.5);
+    change(&mut p);
+    Scattering::Principled(Box::new(p))
+}
+
+/// A room of everything that can lend or receive: diffuse, glossy, lacquered, broad and narrow metal, a mirror, glass that bends and disperses, a pane, cloth that shines through, fog in a ball, a faceted
+/// ball with smooth normals; a lamp, a bulb without extent, a narrow sun and a sky.
+fn description() -> Description {
+    let interior = Interior::Body { medium: Some(Arc::new(Medium::fog(1.5, 0.8, 0.2))), priority: None };
+    let cloth = Scattering::DiffuseTransmission(Box::new([Color::rgb(0.4, 0.4, 0.5), Color::rgb(0.3, 0.3, 0.2)]));
+    let glass = principled(|p| {
+        (p.base_color, p.roughness, p.transmission) = (Color::rgb(1.0, 1.0, 1.0), Scalar::Constant(0.0), Scalar::Constant(1.0));
+        (p.kind, p.dispersion) = (Transmission::Solid, Some(Spectrum::Constant(1.5)));
+    });
+    let pane = principled(|p| {
+        (p.roughness, p.transmission, p.kind) = (Scalar::Constant(0.0), Scalar::Constant(1.0), Transmission::Thin);
+    });
+    let materials = vec![
+        Material::new("wall", Scattering::Diffuse(Color::rgb(0.7, 0.6, 0.5))),
+        Material::lamp("lamp", Spectrum::Constant(8.0)),
+        Material::new("glossy", principled(|p| p.roughness = Scalar::Constant(0.5))),
+        Material::new("lacquered", principled(|p| (p.roughness, p.clearcoat) = (Scalar::Constant(0.0), Scalar::Constant(1.0)))),
+        Material::new("broad", metal(0.5)),
+        Material::new("narrow", metal(0.1)),
+        Material::new("mirror", metal(0.0)),
+        Material { interior: Interior::Body { medium: None, priority: None }, ..Material::new("glass", glass) },
+        Material::new("pane", pane),
+        Material::new("cloth", cloth),
+        Material { interior, ..Material::new("fog", Scattering::Interface) },
+        Material::new("black", Scattering::Diffuse(Color::rgb(0.0, 0.0, 0.0))),
+    ];
+    let mut faceted = Mesh::default();
+    for k in 0..8u32 {
+        let at = |i: u32| {
+            Vec3::from([0, 1, 2].map(|axis: u32| if axis == i { if k >> i & 1 == 1 { 1.0 } else { -1.0 } } else { 0.0 }))
+        };
+        let first = faceted.positions.len() as u32;
+        let corners = [0, 1, 2].map(at);
+        faceted.positions.extend(corners);
+        faceted.normals.extend(corners);
+        let outwards = (corners[1] - corners[0]).cross(corners[2] - corners[0]).dot(corners[0] + corners[1] + corners[2]) > 0.0;
+        faceted.triangles.push(if outwards { [first, first + 1, first + 2] } else { [first, first + 2, first + 1] });
+    }
+    let placed =
+        Affine3A::from_scale_rotation_translation(Vec3::splat(0.3), glam::Quat::from_rotation_y(0.4), Vec3::new(-1.3, -0.7, 0.2));
+    let objects = vec![
+        quad("floor", [-2.0, -1.0, -2.0], [[0.0, 0.0, 4.0], [4.0, 0.0, 0.0]], 0),
+        quad("back", [-2.0, -1.0, -2.0], [[4.0, 0.0, 0.0], [0.0, 3.0, 0.0]], 2),
+        quad("left", [-2.0, -1.0, -2.0], [[0.0, 3.0, 0.0], [0.0, 0.0, 4.0]], 3),
+        quad("right", [2.0, -1.0, -2.0], [[0.0, 0.0, 4.0], [0.0, 3.0, 0.0]], 4),
+        quad("lamp", [-0.3, 1.2, -0.8], [[0.0, 0.0, -0.4], [0.6, 0.0, 0.0]], 1),
+        ball("narrow", [1.2, -0.6, -0.9], 0.35, 5),
+        quad("mirror", [-0.4, -0.2, -1.95], [[0.8, 0.0, 0.0], [0.0, 0.8, 0.0]], 6),
+        ball("glass", [0.3, -0.6, -0.4], 0.35, 7),
+        quad("pane", [-1.6, -0.9, -0.5], [[0.9, 0.0, 0.0], [0.0, 1.6, 0.0]], 8),
+        quad("cloth", [0.9, 0.2, -1.2], [[0.7, 0.0, 0.2], [0.0, 0.7, 0.0]], 9),
+        ball("fog", [-0.3, 0.6, -1.0], 0.4, 10),
+        ball("black", [1.5, 0.0, 0.2], 0.2, 11),
+        Object::new("faceted", Shape::Mesh { mesh: 0, world_from_mesh: placed }, 2),
+    ];
+    let bulb = Punctual::new("bulb", Spectrum::Constant(3.0), PunctualKind::Point { position: Vec3::new(-1.2, 0.5, -1.2) });
+    let sun = PunctualKind::Disc { direction: Vec3::new(-0.4, -0.6, -0.5).normalize(), half_angle: 0.03 };
+    let punctual = vec![bulb, Punctual::new("sun", Spectrum::Constant(2.0), sun)];
+    let environment = Some(Environment::uniform(Vec3::splat(0.2)));
+    Description { meshes: vec![faceted.into()], materials, objects, punctual, environment, ..Default::default() }
+}
+
+/// Camera paths of a group around the middle of a cell of a grid of 6 × 5 over the view.
+fn group(cell: u32, sample: u32, rgb: bool) -> Vec<CameraPath<'static>> {
+    let drawn = if rgb { WavelengthSampler::rgb() } else { WavelengthSampler::uniform() };
+    let of_group = Sampler::new(SamplerKind::Independent, 9, (cell, 0), sample, 1 << 20);
+    let wavelengths = drawn.sample(of_group.get(Dimensions::Time)[0]);
+    let path = |member: u32| {
+        let sampler = Sampler::new(SamplerKind::Independent, 3, (cell, member), sample, 1 << 20);
+        let [a, b, ..] = sampler.get(Dimensions::Camera);
+        let [x, y] = [(cell % 6) as f32 + 0.5 * a, (cell / 6) as f32 + 0.5 * b];
+        let direction = Vec3::new(-0.8 + 0.27 * x, -0.5 + 0.2 * y, -1.0).normalize();
+        CameraPath::new(Ray { origin: Vec3::new(0.1, 0.2, 1.9), direction, time_s: 0.0 }, wavelengths, sampler)
+    };
+    (0..GROUP).map(path).collect()
+}
+
+#[test]
+fn lent_light_has_the_mean_of_paths_alone() {
+    let scene = Scene::build(description()).unwrap();
+    assert!(scene.lets_paths_be_reused());
+    // Long paths, and short ones, in which each event that is counted wrongly shows.
+    for (rgb, settings, samples) in [
+        (false, PathSettings::default(), 800),
+        (true, PathSettings { max_depth: 2, roulette_depth: 5 }, 800),
+        (true, PathSettings { max_depth: 6, roulette_depth: 2 }, 400),
+    ] {
+        let (mut all, mut differs) = ([0.0f64; 3], 0);
+        let mut z2 = 0.0;
+        for cell in 0..30 {
+            // Sum and sum of squares of the difference of a group's means, and the light of either.
+            let (mut sum, mut squares, mut light) = (0.0f64, 0.0f64, [0.0f64; 2]);
+            for sample in 0..samples {
+                let paths = group(cell, sample, rgb);
+                let [lent, alone] = [scene.radiance_of_group(&paths, &settings), scene.radiance_of(&paths, &settings)]
+                    .map(|group| f64::from(group.iter().sum::<SampledSpectrum>().element_sum()) / f64::from(4 * GROUP));
+                differs += u32::from(lent != alone);
+                (sum, squares) = (sum + lent - alone, squares + (lent - alone).powi(2));
+                light = [light[0] + lent, light[1] + alone];
+            }
+            let n = f64::from(samples);
+            let error = ((squares / n - (sum / n).powi(2)).max(0.0) / (n - 1.0)).sqrt();
+            let z = if error > 0.0 { sum / n / error } else { 0.0 };
+            // 30 cells: |z| above 4.5 in one of 5000 runs.
+            assert!(z.abs() < 4.5, "depth {}, cell {cell}: {light:?}, z {z}", settings.max_depth);
+            z2 += z * z;
+            all = [all[0] + sum / n, all[1] + error * error, all[2] + light[1] / n];
+        }
+        let z = all[0] / all[1].sqrt();
+        println!("depth {}: relative difference {:.5}, z {z:.2}, mean z² {:.2}", settings.max_depth, all[0] / all[2], z2 / 30.0);
+        assert!(z.abs() < 4.0, "depth {}: {z}", settings.max_depth);
+        assert!(differs > 1000, "{differs}");
+    }
+}
+
+#[test]
+fn an_even_room_stays_even() {
+    // In a closed room of albedo ρ whose walls shine with L, radiance is L / (1 − ρ) everywhere.
+    let wall = Material::new("wall", Scattering::Diffuse(Color::rgb(0.7, 0.7, 0.7)));
+    let shining = Material { scattering: wall.scattering.clone(), ..Material::lamp("shining", Spectrum::Constant(1.0)) };
+    let side = |k: usize| {
+        let (a, b) = ((k + 1) % 3, (k + 2) % 3);
+        let axis = |i: usize, sign: f32| Vec3::from([0, 1, 2].map(|j| if j == i { sign } else { 0.0 }));
+        let low = quad("low", [0.0; 3], [axis(a, 1.0).into(), axis(b, 1.0).into()], 1);
+        let high = quad("high", axis(k, 1.0).into(), [axis(b, 1.0).into(), axis(a, 1.0).into()], 1);
+        [low, high]
+    };
+    let objects = (0..3).flat_map(side).collect();
+    let scene = Scene::build(Description { materials: vec![wall, shining], objects, ..Default::default() }).unwrap();
+    let settings = PathSettings { max_depth: 64, roulette_depth: 64 };
+    let mut means = Vec::new();
+    for cell in 0..400u32 {
+        let mut paths = group(cell % 30, cell, false);
+        paths.iter_mut().for_each(|path| path.cone.ray.origin = Vec3::new(0.5, 0.5, 0.8));
+        let lent = scene.radiance_of_group(&paths, &settings);
+        means.push(lent.iter().map(|light| f64::from(light.x)).sum::<f64>() / f64::from(GROUP));
+    }
+    let n = means.len() as f64;
+    let mean = means.iter().sum::<f64>() / n;
+    let error = (means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (n * (n - 1.0))).sqrt();
+    println!("mean {mean} ± {error}");
+    assert!((mean - 1.0 / 0.3).abs() < 4.0 * error && error < 0.02, "{mean} ± {error}");
+}
+
+#[test]
+fn lent_light_is_far_less_noisy() {
+    let scene = Scene::build(diopter_scene::builtin::named("cornell").unwrap()).unwrap();
+    let settings = PathSettings::default();
+    // The ceiling and a wall, lit from wall to wall.
+    let (mut lent, mut alone) = (0.0, 0.0);
+    for sample in 0..300 {
+        let mut paths = group(8, sample, false);
+        for path in &mut paths {
+            let direction = Vec3::new(0.2, 0.25, 1.0) + 0.1 * path.cone.ray.direction;
+            path.cone.ray = Ray { origin: Vec3::new(0.278, 0.273, -0.8), direction: direction.normalize(), time_s: 0.0 };
+        }
+        // At equal means, mean squares differ as variances do.
+        let squares = |group: &[SampledSpectrum]| group.iter().map(|light| f64::from(light.element_sum()).powi(2)).sum::<f64>();
+        lent += squares(&scene.radiance_of_group(&paths, &settings));
+        alone += squares(&scene.radiance_of(&paths, &settings));
+    }
+    println!("mean squares {lent} {alone}");
+    assert!(lent < 0.7 * alone, "{lent} {alone}");
+}
+
+#[test]
+fn direct_light_is_not_lent_and_groups_that_may_not_lend_are_paths_alone() {
+    let scene = Scene::build(description()).unwrap();
+    let settings = PathSettings::default();
+    let caustics = Caustics::new(&scene, CausticSettings { lamps: Lamps::All, photons: 1 << 12, ..Default::default() }).unwrap();
+    let photons = caustics.map(0, 0);
+    let drawn = WavelengthSampler::uniform();
+    let mut differ = 0;
+    for cell in 0..30 {
+        let paths = group(cell, 7, false);
+        let both = scene.radiance_and_direct_of_group(&paths, &settings);
+        let alone = scene.radiance_and_direct_of(&paths, &settings);
+        for ([all, direct], [_, expected]) in both.iter().zip(&alone) {
+            assert_eq!(direct, expected, "cell {cell}");
+            assert!(direct.cmple(*all * (1.0 + 1e-6)).all(), "cell {cell}: {direct} {all}");
+        }
+        let all: Vec<SampledSpectrum> = both.iter().map(|[all, _]| *all).collect();
+        assert_eq!(scene.radiance_of_group(&paths, &settings), all, "cell {cell}");
+        differ += u32::from(all != scene.radiance_of(&paths, &settings));
+        let with_photons = paths.iter().map(|p| CameraPath { light_paths: LightPaths::of_photons(Some(&photons)), ..*p });
+        let of_other_colors =
+            paths.iter().enumerate().map(|(k, p)| CameraPath { wavelengths: drawn.sample(k as f32 / 16.0), ..*p });
+        for paths in [with_photons.collect::<Vec<_>>(), of_other_colors.collect(), paths[..1].to_vec(), Vec::new()] {
+            assert_eq!(scene.radiance_of_group(&paths, &settings), scene.radiance_of(&paths, &settings), "cell {cell}");
+        }
+    }
+    assert!(differ > 20, "{differ}");
+}
+
+#[test]
+fn scenes_in_which_sight_or_light_is_uncertain_do_not_lend() {
+    let changed = |change: &dyn Fn(&mut Description)| {
+        let mut description = description();
+        change(&mut description);
+        Scene::build(description).unwrap().lets_paths_be_reused()
+    };
+    assert!(changed(&|_| ()));
+    assert!(changed(&|d| d.materials[2].coverage = Coverage::Mask { alpha: Scalar::Constant(1.0), cutoff: 0.5 }));
+    assert!(!changed(&|d| d.materials[2].coverage = Coverage::Blend(Scalar::Constant(0.5))));
+    let mut moving = Scene::build(diopter_scene::builtin::named("moving-bars").unwrap()).unwrap();
+    moving.pose(0.0, 0.01);
+    assert!(!moving.lets_paths_be_reused());
+    assert!(!changed(
+        &|d| d.punctual[0].modulation = diopter_scene::light::Modulation::Sine { frequency_hz: 100.0, depth: 0.5, phase: 0.0 }
+    ));
+}
