@@ -393,7 +393,7 @@ impl Exposure<'_> {
             polarized: self.is_polarized(),
             analyzers: response.analyzer_groups(),
             light_traced: false,
-            reuses: false,
+            groups: None,
         }
     }
 
@@ -497,10 +497,10 @@ impl Exposure<'_> {
         unit.light_traced = lamps.is_some();
         let caustics = self.caustics().filter(|caustics| self.shows_caustics(&unit, caustics));
         let connections = self.connections(&unit);
-        unit.reuses = caustics.is_none() && self.may_reuse();
-        let help = self.help(&unit, connections.as_ref(), caustics.as_ref(), unit.reuses);
+        unit.groups = (caustics.is_none() && self.may_reuse()).then(|| pixel_groups::PixelGroups::new(film));
+        let help = self.help(&unit, connections.as_ref(), caustics.as_ref());
         let connections = connections.filter(|_| help == trial::Help::Connections);
-        unit.reuses = help == trial::Help::Reuse;
+        unit.groups = unit.groups.filter(|_| help == trial::Help::Reuse);
         let unit = unit;
         let length = match caustics.is_some() || connections.is_some() {
             false => pass_length(width * height),

@@ -3,7 +3,7 @@
 use super::diffraction::Displaced;
 use super::dispersion_variate::PixelFootprint;
 use super::light_tracing::CameraSample;
-use super::pixel_groups::{self, GROUP, GROUPS};
+use super::pixel_groups::{GROUP, PixelGroups};
 use super::unit::Unit;
 use crate::camera::Film;
 use crate::mount::M2_PER_MM2;
@@ -95,14 +95,14 @@ pub(super) struct Numbers {
     /// Column, row, width and height.
     pub rectangle: [usize; 4],
     pub samples: Range<u32>,
-    /// Whether those of a group of pixels follow one another ([`super::pixel_groups`]), not those of a pixel.
-    pub by_group: bool,
+    /// Where those of a group of pixels follow one another, not those of a pixel.
+    pub groups: Option<PixelGroups>,
 }
 
 impl Numbers {
     /// How many numbers there are; some stand for no sample.
     fn count(&self) -> usize {
-        let pixels = if self.by_group { GROUPS * GROUP } else { self.rectangle[2] * self.rectangle[3] };
+        let pixels = self.groups.map_or(self.rectangle[2] * self.rectangle[3], |groups| groups.groups() * GROUP);
         pixels * self.samples.len()
     }
 
@@ -110,10 +110,10 @@ impl Numbers {
     #[inline]
     fn of(&self, number: usize) -> Option<(usize, usize, u32)> {
         let [column, row, width, height] = self.rectangle;
-        if self.by_group {
+        if let Some(groups) = &self.groups {
             let (of_group, member) = (number / GROUP, number % GROUP);
             let (group, sample) = (of_group / self.samples.len(), of_group % self.samples.len());
-            let [x, y] = pixel_groups::pixel_of_group([column, row], group, member);
+            let [x, y] = groups.pixel([column, row], group, member);
             return (x < column + width && y < row + height).then(|| (x, y, self.samples.start + sample as u32));
         }
         let (pixel, sample) = (number / self.samples.len(), number % self.samples.len());
@@ -128,7 +128,7 @@ pub(super) fn times(a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
 }
 
 /// Samples through an ideal lens that are drawn before their light is.
-const PACKET: usize = 16;
+const PACKET: usize = 32;
 
 // Groups are not torn.
 const _: () = assert!(PACKET.is_multiple_of(GROUP) && LANES.is_multiple_of(GROUP));
@@ -140,7 +140,7 @@ impl Unit<'_> {
 
     /// What draws the wavelengths of a sample, which are the same for all pixels of a group, and with them how diffraction displaces it.
     fn group_sampler(&self, x: usize, y: usize, sample: u32) -> Sampler {
-        let [x, y] = if self.reuses { pixel_groups::representative([x, y]) } else { [x, y] };
+        let [x, y] = self.groups.map_or([x, y], |groups| groups.representative([x, y]));
         self.sampler(x, y, sample)
     }
 
@@ -250,7 +250,7 @@ impl Unit<'_> {
     fn draw(&self, [x, y]: [usize; 2], sampler: Sampler, group_sampler: &Sampler) -> Drawn {
         let [place, [w, t, spot @ ..]] = sampler.get_two([Dimensions::Camera, Dimensions::Time]);
         let filter = self.camera.film.low_pass_shift(spot) - self.film_shift(x, y, t);
-        let w = if self.reuses { group_sampler.get(Dimensions::Time)[0] } else { w };
+        let w = if self.groups.is_some() { group_sampler.get(Dimensions::Time)[0] } else { w };
         let wavelengths = self.wavelengths.sample(self.wavelength_number(w, group_sampler));
         let displaced = self.displaced(x, y, group_sampler, &wavelengths);
         let moved = displaced.map_or(filter, |d| filter + d.by);

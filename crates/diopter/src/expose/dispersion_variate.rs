@@ -323,7 +323,7 @@ mod tests {
     #[test]
     fn light_is_moved_and_neither_made_nor_lost() {
         let film = Film::new(30.0, 30.0, 30, 30);
-        let mut variate = DispersionVariate::new(&(4..12), 10..20, SamplerKind::Sobol, &film).unwrap();
+        let mut variate = DispersionVariate::new(&(4..12), 10..20, SamplerKind::Sobol, &film, true).unwrap();
         let pixel = [14, 15];
         for k in 0..8 {
             // Near and far.

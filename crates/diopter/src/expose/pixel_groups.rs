@@ -1,51 +1,79 @@
-//! Which pixels of a tile lend one another light ([`diopter_scene::Scene::radiance_of_group`]): of every cell of 4 × 4 pixels each group has one, by chance. Errors of a group's
-//! pixels are alike: so spread they look like noise, and neighbors are of different groups.
+//! Which pixels lend one another light ([`diopter_scene::Scene::radiance_of_group`]): a tile is divided into blocks, a block into cells, and of every cell each group of the block has one pixel, by chance.
+//! Errors of a group's pixels are alike: so spread they look like noise, and most neighbors are of different groups.
 
 use super::TILE;
+use crate::camera::Film;
 use diopter_light::random::mix;
 
-/// Pixels a side of a cell.
-const CELL: usize = 4;
+/// Pixels of a group, in whole tiles.
+pub(super) const GROUP: usize = 32;
 
-/// Groups of a tile.
-pub(super) const GROUPS: usize = CELL * CELL;
-/// Pixels of a group in a whole tile.
-pub(super) const GROUP: usize = TILE * TILE / GROUPS;
+/// Pixels of a film from which on blocks are whole tiles: on smaller ones a tile is a large part of the picture, and its pixels see different things.
+const LARGE: usize = 1 << 17;
 
-/// Cells of a tile across.
-const CELLS: usize = TILE / CELL;
-
-/// How the places of a cell are numbered: place p is of group (p a + b) mod 16, for a pair of an odd number and its inverse, and b. `cell`: its column and row on the film.
-#[inline]
-fn numbering([column, row]: [usize; 2]) -> [usize; 3] {
-    const ODD: [[usize; 2]; 8] = [[1, 1], [3, 11], [5, 13], [7, 7], [9, 9], [11, 3], [13, 5], [15, 15]];
-    let hash = mix(mix(column as u32 ^ 0x9e37_79b9) ^ row as u32) as usize;
-    let [factor, inverse] = ODD[hash >> 4 & 7];
-    [factor, inverse, hash & 15]
+/// How tiles are divided.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PixelGroups {
+    /// Pixels a side of a block.
+    block: usize,
+    /// Columns and rows of a cell.
+    cell: [usize; 2],
 }
 
-/// Column and row of a pixel of a group, by its number in it, in the tile with this first pixel; of tiles at the rim some lie beside the film.
-#[inline]
-pub(super) fn pixel_of_group(tile: [usize; 2], group: usize, number: usize) -> [usize; 2] {
-    let cell = [tile[0] / CELL + number % CELLS, tile[1] / CELL + number / CELLS];
-    let [_, inverse, shift] = numbering(cell);
-    let place = (group + GROUPS - shift) * inverse % GROUPS;
-    [cell[0] * CELL + place % CELL, cell[1] * CELL + place / CELL]
-}
+impl PixelGroups {
+    /// Those of a film.
+    pub fn new(film: &Film) -> Self {
+        match film.columns * film.rows < LARGE {
+            true => PixelGroups { block: TILE / 2, cell: [2, 1] },
+            false => PixelGroups { block: TILE, cell: [4, 2] },
+        }
+    }
 
-/// First pixel of the tile of a pixel, and the group to which the pixel belongs there.
-#[inline]
-pub(super) fn group_of(pixel: [usize; 2]) -> ([usize; 2], usize) {
-    let [factor, _, shift] = numbering(pixel.map(|at| at / CELL));
-    let place = pixel[0] % CELL + pixel[1] % CELL * CELL;
-    (pixel.map(|at| at / TILE * TILE), (place * factor + shift) % GROUPS)
-}
+    /// Groups of a block, as many as a cell has pixels.
+    fn groups_a_block(&self) -> usize {
+        self.cell[0] * self.cell[1]
+    }
 
-/// A pixel that stands for the group of a pixel: one of its tile, another one for each group.
-#[inline]
-pub(super) fn representative(pixel: [usize; 2]) -> [usize; 2] {
-    let (tile, group) = group_of(pixel);
-    [tile[0] + group % CELL, tile[1] + group / CELL]
+    /// Groups of a tile.
+    pub fn groups(&self) -> usize {
+        (TILE / self.block).pow(2) * self.groups_a_block()
+    }
+
+    /// How the places of a cell are numbered: place p is of group (p a + b) mod n for an odd a, its own inverse modulo 8, and some b. `cell`: its column and row on the film.
+    #[inline]
+    fn numbering([column, row]: [usize; 2]) -> [usize; 2] {
+        let hash = mix(mix(column as u32 ^ 0x9e37_79b9) ^ row as u32) as usize;
+        [hash >> 4 & 6 | 1, hash & 7]
+    }
+
+    /// Column and row of a pixel of a group, by its number in it, in the tile with this first pixel; of tiles at the rim some lie beside the film.
+    #[inline]
+    pub fn pixel(&self, [left, top]: [usize; 2], group: usize, number: usize) -> [usize; 2] {
+        let (n, [width, height]) = (self.groups_a_block(), self.cell);
+        let (block, group) = (group / n, group % n);
+        let (blocks, cells) = (TILE / self.block, self.block / width);
+        let first = [left + block % blocks * self.block, top + block / blocks * self.block];
+        let cell = [first[0] / width + number % cells, first[1] / height + number / cells];
+        let [odd, shift] = Self::numbering(cell);
+        let place = (group + 8 - shift) * odd % n;
+        [cell[0] * width + place % width, cell[1] * height + place / width]
+    }
+
+    /// The group of a pixel: the first pixel of its block, and its number in the block.
+    #[inline]
+    pub fn of(&self, [x, y]: [usize; 2]) -> ([usize; 2], usize) {
+        let [width, height] = self.cell;
+        let [odd, shift] = Self::numbering([x / width, y / height]);
+        let place = x % width + y % height * width;
+        ([x / self.block * self.block, y / self.block * self.block], (place * odd + shift) % self.groups_a_block())
+    }
+
+    /// A pixel that stands for the group of a pixel: one of its block, another one for each group.
+    #[inline]
+    pub fn representative(&self, pixel: [usize; 2]) -> [usize; 2] {
+        let (first, group) = self.of(pixel);
+        [first[0] + group, first[1]]
+    }
 }
 
 #[cfg(test)]
@@ -55,17 +83,32 @@ mod tests {
 
     #[test]
     fn each_pixel_of_a_tile_belongs_to_one_group_and_groups_have_one_in_each_cell() {
-        for tile in [[0, 0], [TILE, 3 * TILE], [40 * TILE, 7 * TILE]] {
-            let mut seen = HashSet::new();
-            for group in 0..GROUPS {
-                let pixels: Vec<[usize; 2]> = (0..GROUP).map(|number| pixel_of_group(tile, group, number)).collect();
-                let cells: HashSet<[usize; 2]> = pixels.iter().map(|p| p.map(|at| at / CELL)).collect();
-                assert_eq!(cells.len(), GROUP);
-                assert!(pixels.iter().all(|p| group_of(*p) == (tile, group) && seen.insert(*p)));
-                let representatives: HashSet<[usize; 2]> = pixels.iter().map(|p| representative(*p)).collect();
-                assert_eq!(representatives.len(), 1);
+        for size in [64, 640] {
+            let groups = PixelGroups::new(&Film::new(36.0, 24.0, size, size));
+            for tile in [[0, 0], [TILE, 3 * TILE], [40 * TILE, 7 * TILE]] {
+                let (mut seen, mut represented) = (HashSet::new(), HashSet::new());
+                for group in 0..groups.groups() {
+                    let pixels: Vec<[usize; 2]> = (0..GROUP).map(|number| groups.pixel(tile, group, number)).collect();
+                    let cells: HashSet<[usize; 2]> =
+                        pixels.iter().map(|[x, y]| [x / groups.cell[0], y / groups.cell[1]]).collect();
+                    assert_eq!(cells.len(), GROUP);
+                    assert!(pixels.iter().all(|p| groups.of(*p) == groups.of(pixels[0]) && seen.insert(*p)));
+                    let representative = groups.representative(pixels[0]);
+                    assert!(pixels.iter().all(|p| groups.representative(*p) == representative));
+                    assert!(represented.insert(representative));
+                }
+                assert_eq!(seen.len(), TILE * TILE);
+                assert!(seen.iter().all(|[x, y]| x / TILE == tile[0] / TILE && y / TILE == tile[1] / TILE));
             }
-            assert_eq!(seen.len(), TILE * TILE);
         }
+    }
+
+    #[test]
+    fn neighbors_are_mostly_of_different_groups() {
+        let groups = PixelGroups::new(&Film::new(36.0, 24.0, 640, 640));
+        let all = (0..64).flat_map(|y| (0..64).map(move |x| [x, y]));
+        let same = all.filter(|[x, y]| groups.of([*x, *y]) == groups.of([x + 1, *y])).count();
+        // Within a cell none, between cells one in eight: of 4096 pairs a quarter are between cells, fewer between tiles.
+        assert!((30..180).contains(&same), "{same}");
     }
 }

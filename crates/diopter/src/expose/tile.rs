@@ -4,7 +4,7 @@ use super::camera_rays::{CameraRay, Numbers, times};
 use super::dispersion_variate::{DispersionVariate, WavelengthHit};
 use super::light_tracing::LightTracing;
 use super::pixel_cone::PixelCones;
-use super::pixel_groups;
+use super::pixel_groups::PixelGroups;
 use super::response::{GROUP, add_to};
 use super::stars;
 use super::summed_bands;
@@ -62,11 +62,12 @@ impl Unit<'_> {
         let rectangle = self.rectangle(index);
         let mut sums = TileSums::new(&self.camera.film, rectangle, self.summed_bands(), before);
         let mut variates = self.variates(rectangle, &samples);
-        let numbers = Numbers { rectangle, samples, by_group: self.reuses };
+        let numbers = Numbers { rectangle, samples, groups: self.groups };
         // Control variates want the samples of a pixel one after the other.
-        let by_pixel = self.reuses && !variates.is_empty();
+        let by_pixel = self.groups.is_some() && !variates.is_empty();
         let mut of_group: Vec<(CameraRay, CameraLight)> = Vec::new();
-        let is_of_group = |a: &CameraRay, b: &CameraRay| pixel_groups::group_of(a.pixel) == pixel_groups::group_of(b.pixel);
+        let group = |ray: &CameraRay| self.groups.map(|groups| groups.of(ray.pixel));
+        let is_of_group = |a: &CameraRay, b: &CameraRay| group(a) == group(b);
         self.camera_rays(&numbers, !variates.is_empty(), |rays| {
             let light = self.light_along(rays, light_paths);
             if !by_pixel {
@@ -103,7 +104,7 @@ impl Unit<'_> {
             return Vec::new();
         }
         let (columns, kind) = (column..column + width, self.settings.sampler);
-        let new = || DispersionVariate::new(samples, columns.clone(), kind, &self.camera.film, !self.reuses);
+        let new = || DispersionVariate::new(samples, columns.clone(), kind, &self.camera.film, self.groups.is_none());
         [Some(0), self.direct].into_iter().flatten().filter_map(|from| Some((from, new()?))).collect()
     }
 
@@ -131,9 +132,9 @@ impl Unit<'_> {
         if self.polarized {
             return self.polarized_light(&paths);
         }
-        let groups = || {
-            let is_of_group = |a: &CameraRay, b: &CameraRay| {
-                a.sampler.number() == b.sampler.number() && pixel_groups::group_of(a.pixel) == pixel_groups::group_of(b.pixel)
+        let grouped = |groups: PixelGroups| {
+            let is_of_group = move |a: &CameraRay, b: &CameraRay| {
+                a.sampler.number() == b.sampler.number() && groups.of(a.pixel) == groups.of(b.pixel)
             };
             rays.chunk_by(is_of_group).scan(0, |first, group| {
                 *first += group.len();
@@ -143,9 +144,11 @@ impl Unit<'_> {
         match self.direct {
             None => {
                 let of = |radiance| CameraLight { radiance, direct: None, linear: None };
-                let radiances = match self.reuses {
-                    false => self.scene.radiance_of(&paths, settings),
-                    true => groups().flat_map(|group| self.scene.radiance_of_group(&paths[group], settings)).collect(),
+                let radiances = match self.groups {
+                    None => self.scene.radiance_of(&paths, settings),
+                    Some(groups) => {
+                        grouped(groups).flat_map(|group| self.scene.radiance_of_group(&paths[group], settings)).collect()
+                    }
                 };
                 radiances.into_iter().map(of).collect()
             }
@@ -154,9 +157,11 @@ impl Unit<'_> {
                     let fraction = std::array::from_fn(|c| if all[c] > 0.0 { direct[c] / all[c] } else { 0.0 });
                     CameraLight { radiance: all, direct: Some(fraction), linear: None }
                 };
-                let both = match self.reuses {
-                    false => self.scene.radiance_and_direct_of(&paths, settings),
-                    true => groups().flat_map(|group| self.scene.radiance_and_direct_of_group(&paths[group], settings)).collect(),
+                let both = match self.groups {
+                    None => self.scene.radiance_and_direct_of(&paths, settings),
+                    Some(groups) => grouped(groups)
+                        .flat_map(|group| self.scene.radiance_and_direct_of_group(&paths[group], settings))
+                        .collect(),
                 };
                 both.into_iter().map(of).collect()
             }

@@ -3,6 +3,7 @@
 use super::diffraction::Optics;
 use super::fireflies::Cascade;
 use super::pixel_cone::PixelCones;
+use super::pixel_groups::PixelGroups;
 use super::response::{Curves, Response};
 use super::settings::Settings;
 use super::{TILE, summed_bands};
@@ -28,8 +29,8 @@ pub(super) struct Unit<'a> {
     pub cascade: Option<Cascade>,
     /// Whether light is traced from lamps, too.
     pub light_traced: bool,
-    /// Whether pixels of a group lend one another light ([`super::pixel_groups`]).
-    pub reuses: bool,
+    /// Groups of pixels, where these lend one another light.
+    pub groups: Option<PixelGroups>,
     /// Diffraction, if there is any.
     pub optics: Option<&'a Optics>,
     /// Whether pixels have sums for what lamps send far out.

@@ -114,7 +114,7 @@ fn check_polarized(settings: &Settings, sensor: &Sensor) -> Result<(), ShotError
     if !settings.is_polarized() && !Response::sensor(sensor).tells_polarization() {
         return Ok(());
     }
-    if !matches!(settings.integrator, Integrator::Path | Integrator::Auto) {
+    if !matches!(settings.integrator, Integrator::Path | Integrator::PathReuse | Integrator::Auto) {
         return Err(value(
             "integrator",
             settings.integrator.name(),

@@ -17,17 +17,17 @@ use std::sync::atomic::AtomicBool;
 
 const SECOND: Shutter = Shutter { mechanism: diopter::shutter::Mechanism::Global, exposure_s: 1.0 };
 
-fn take(scene: &Scene, camera: &Camera, settings: &Settings) -> FocalPlane {
+pub fn take(scene: &Scene, camera: &Camera, settings: &Settings) -> FocalPlane {
     let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     expose(scene, camera, &SECOND, &Response::luminance(), settings, &ExposureFacts::default(), &watch).unwrap()
 }
 
-fn quad(name: &str, corner: [f32; 3], edges: [[f32; 3]; 2], material: u32) -> Object {
+pub fn quad(name: &str, corner: [f32; 3], edges: [[f32; 3]; 2], material: u32) -> Object {
     Object::new(name, Shape::Quad(Quad { corner: corner.into(), edges: edges.map(Vec3::from) }), material)
 }
 
 /// A box of 2 × 2 × 2 m with a lamp that shines at its ceiling, hidden from below by a plate.
-fn room(columns: usize, rows: usize) -> (Scene, Camera) {
+pub fn room(columns: usize, rows: usize) -> (Scene, Camera) {
     let grey = |name: &str| Material::new(name, Scattering::Diffuse(Color::rgb(0.5, 0.5, 0.5)));
     let objects = vec![
         quad("floor", [-1.0, -1.0, -1.0], [[0.0, 0.0, 2.0], [2.0, 0.0, 0.0]], 0),
@@ -145,7 +145,10 @@ fn auto_connects_where_walls_pass_on_the_light_of_a_small_lamp_and_not_under_a_l
         assert!(in_sun(Integrator::Auto) == in_sun(Integrator::Bidirectional), "sun, seed {seed}");
         let by = |scene: &Scene, integrator: Integrator| take(scene, &camera, &settings(integrator, 8, seed));
         // Not `assert_eq`: planes are long to print.
-        assert!(by(&over_the_ceiling, Integrator::Auto) == by(&over_the_ceiling, Integrator::Bidirectional), "seed {seed}");
+        // Where pixels lend one another light it is as good.
+        let auto = by(&over_the_ceiling, Integrator::Auto);
+        let good = [Integrator::Bidirectional, Integrator::PathReuse];
+        assert!(good.iter().any(|integrator| auto == by(&over_the_ceiling, *integrator)), "seed {seed}");
         assert!(by(&directly, Integrator::Auto) == by(&directly, Integrator::Path), "seed {seed}");
         assert!(by(&directly, Integrator::Path) != by(&directly, Integrator::Bidirectional));
     }

@@ -20,6 +20,7 @@ mod links;
 mod measure;
 mod metering;
 mod motion;
+mod path_reuse;
 mod polarization;
 mod quick_look;
 mod readings;

@@ -15,7 +15,7 @@ use super::path::{Arrival, Next, Path, Transport};
 use super::tally::Divisible;
 use crate::material::{Bsdf, Coverage, Material, Scatter};
 use crate::scene::{Scene, Shape};
-use crate::shape::Surface;
+use crate::shape::{Surface, offset_origin};
 use diopter_light::random::Dimensions;
 use diopter_light::{Ray, SampledSpectrum, SampledWavelengths};
 use glam::Vec3;
@@ -26,15 +26,41 @@ const BROAD_ALPHA: f32 = 0.2;
 /// Least cosine to the shading normal under which a scattering function of a diffuse surface is the same from all sides (`LocalFrame::new` tilts the normal below).
 const UNTILTED: f32 = 0.01;
 
-/// Where a path of the group receives light: its first surface that is no mirror.
-struct Receiver<'a> {
+/// Where a path of the group receives light: its first surface that is no mirror. Small, for each is asked by each donor.
+struct Receiver {
     path: usize,
-    surface: Surface,
-    bsdf: Bsdf<'a>,
+    point: Vec3,
+    /// Where shadow rays start.
+    origin: Vec3,
+    /// Geometric and shading normal on the side that is seen.
+    ng: Vec3,
+    ns: Vec3,
     /// Of the path up to there.
     throughput: SampledSpectrum,
+    /// Where all it does is to reflect diffusely.
+    albedo: Option<SampledSpectrum>,
     depth: u32,
     time_s: f32,
+}
+
+impl Receiver {
+    /// f cos θ of a direction on the side that is seen, and its density.
+    #[inline]
+    fn eval(&self, bsdf: &Bsdf, wi: Vec3) -> (SampledSpectrum, f32) {
+        match self.albedo {
+            Some(albedo) => {
+                let density = self.ns.dot(wi).max(0.0) * std::f32::consts::FRAC_1_PI;
+                (albedo * density, density)
+            }
+            None => bsdf.eval(wi),
+        }
+    }
+}
+
+/// The receivers of a group, and their scattering functions.
+struct Receivers<'a> {
+    all: Vec<Receiver>,
+    bsdfs: Vec<Bsdf<'a>>,
 }
 
 /// A surface that a path of the group found behind its receiver.
@@ -42,6 +68,8 @@ struct Donor<'a> {
     path: usize,
     surface: Surface,
     material: &'a Material,
+    /// Where shadow rays end.
+    end: Vec3,
     /// Geometric normal on the side of the receiver, and the shading normal.
     ng: Vec3,
     ns: Vec3,
@@ -109,7 +137,7 @@ impl<'a> Transport<'a> {
         if cameras.len() < 2 || !may_lend(cameras, self.scene) {
             return cameras.iter().map(|camera| self.follow(camera, tally())).collect();
         }
-        let mut receivers = Vec::with_capacity(cameras.len());
+        let mut receivers = Receivers { all: Vec::with_capacity(cameras.len()), bsdfs: Vec::with_capacity(cameras.len()) };
         let mut donors = Vec::with_capacity(cameras.len());
         let mut tallies: Vec<T> = Vec::with_capacity(cameras.len());
         for (number, camera) in cameras.iter().enumerate() {
@@ -125,12 +153,12 @@ impl<'a> Transport<'a> {
         camera: &'a CameraPath<'a>,
         tally: T,
         number: usize,
-        receivers: &mut Vec<Receiver<'a>>,
+        receivers: &mut Receivers<'a>,
         donors: &mut Vec<Donor<'a>>,
     ) -> T {
         let mut path = self.begin(camera, tally);
         let mut at_rough = false;
-        let (before, time_s) = (receivers.len(), path.ray.time_s);
+        let (before, time_s) = (receivers.all.len(), path.ray.time_s);
         while !at_rough {
             let mut hit = self.find_hit(&path);
             let next = self.arrive(&mut path, hit.as_mut(), |path, here| {
@@ -145,7 +173,11 @@ impl<'a> Transport<'a> {
                 let next = self.scatter_light(path, &here.vertex());
                 if receives {
                     let Arrival { surface, bsdf, .. } = here;
-                    receivers.push(Receiver { path: number, surface: *surface, bsdf, throughput, depth, time_s });
+                    let (point, ng, ns, albedo) =
+                        (surface.point, bsdf.side_normal(), bsdf.shading_normal(), bsdf.diffuse_albedo());
+                    let origin = offset_origin(point, ng);
+                    receivers.all.push(Receiver { path: number, point, origin, ng, ns, throughput, albedo, depth, time_s });
+                    receivers.bsdfs.push(bsdf);
                 }
                 next
             });
@@ -154,10 +186,10 @@ impl<'a> Transport<'a> {
                 return path.tally;
             }
         }
-        let Some(receiver) = receivers.get(before) else { return self.follow_on(path) };
+        let Some(receiver) = receivers.all.get(before) else { return self.follow_on(path) };
         // A surface may also be a mirror, by chance, or let light through.
-        let was_rough = path.last.is_some_and(|last| last.point == receiver.surface.point);
-        if !was_rough || path.ray.direction.dot(receiver.bsdf.side_normal()) <= 0.0 {
+        let was_rough = path.last.is_some_and(|last| last.point == receiver.point);
+        if !was_rough || path.ray.direction.dot(receiver.ng) <= 0.0 {
             return self.follow_on(path);
         }
         let mut hit = self.find_hit(&path);
@@ -216,6 +248,7 @@ impl<'a> Transport<'a> {
             path: number,
             surface: *here.surface,
             material: here.material,
+            end: offset_origin(here.surface.point, vertex.ng),
             ng: vertex.ng,
             ns: bsdf.shading_normal(),
             wavelengths: &path.camera.wavelengths,
@@ -244,32 +277,34 @@ impl<'a> Transport<'a> {
     }
 
     /// Adds what all donors bring to all receivers.
-    fn lend<T: Divisible>(&self, receivers: &[Receiver<'a>], donors: &[Donor<'a>], tallies: &mut [T]) {
-        let mut lent = Vec::with_capacity(receivers.len());
+    fn lend<T: Divisible>(&self, receivers: &Receivers<'a>, donors: &[Donor<'a>], tallies: &mut [T]) {
+        let mut lent = Vec::with_capacity(receivers.all.len());
         for donor in donors {
-            let Some(own) = receivers.iter().find(|r| r.path == donor.path) else { continue };
+            let Some(own) = receivers.all.iter().find(|r| r.path == donor.path) else { continue };
             let mut density = 0.0;
             lent.clear();
-            for receiver in receivers.iter().filter(|r| r.depth == own.depth) {
-                let to_donor = donor.surface.point - receiver.surface.point;
+            for (receiver, bsdf) in receivers.all.iter().zip(&receivers.bsdfs).filter(|(r, _)| r.depth == own.depth) {
+                let to_donor = donor.surface.point - receiver.point;
                 let squared = to_donor.length_squared();
                 let wi = to_donor / squared.sqrt();
                 let facing = -wi.dot(donor.ng);
-                let side = receiver.bsdf.side_normal();
-                if !(facing > 0.0 && wi.dot(side) > 0.0) {
+                if !(facing > 0.0 && wi.dot(receiver.ng) > 0.0) {
                     continue;
                 }
-                let (f, pdf) = receiver.bsdf.eval(wi);
+                let (f, pdf) = receiver.eval(bsdf, wi);
                 if f == SampledSpectrum::ZERO {
                     continue;
                 }
                 let is_own = receiver.path == donor.path;
-                if !is_own && self.is_hidden(receiver, donor, wi) {
+                if !is_own && self.is_hidden(receiver, donor) {
                     continue;
                 }
                 let geometry = facing / squared;
                 density += pdf * geometry;
-                let radiance = if is_own { donor.radiance } else { self.radiance_towards(donor, -wi) };
+                let radiance = match is_own || donor.is_alike_from(-wi) {
+                    true => donor.radiance,
+                    false => self.radiance_towards(donor, -wi),
+                };
                 lent.push((receiver.path, receiver.throughput * f * radiance * geometry));
             }
             for (path, light) in &lent {
@@ -282,24 +317,28 @@ impl<'a> Transport<'a> {
         }
     }
 
-    /// Whether something stands between a receiver and a donor in the direction `wi`.
-    #[inline]
-    fn is_hidden(&self, receiver: &Receiver, donor: &Donor, wi: Vec3) -> bool {
-        let origin = receiver.surface.leave(receiver.bsdf.side_normal(), wi);
-        let to_end = donor.surface.leave(donor.ng, -wi) - origin;
+    /// Whether something stands between a receiver and a donor.
+    #[inline(always)]
+    fn is_hidden(&self, receiver: &Receiver, donor: &Donor) -> bool {
+        let to_end = donor.end - receiver.origin;
         let distance = to_end.length();
-        let ray = Ray { origin, direction: to_end / distance, time_s: receiver.time_s };
+        let ray = Ray { origin: receiver.origin, direction: to_end / distance, time_s: receiver.time_s };
         self.scene.occluded(&ray, distance)
     }
 
     /// Radiance from a donor towards `wo`.
-    #[inline]
+    #[inline(never)]
     fn radiance_towards(&self, donor: &Donor<'a>, wo: Vec3) -> SampledSpectrum {
-        if donor.is_diffuse && donor.ns.dot(wo) >= UNTILTED {
-            return donor.radiance;
-        }
         let seen = donor.material.bsdf(&donor.surface, wo, donor.wavelengths, donor.hero_only, None);
         seen.map_or(SampledSpectrum::ZERO, |bsdf| donor.found.iter().map(|found| found.response(&bsdf) * found.light).sum())
+    }
+}
+
+impl Donor<'_> {
+    /// Whether its light towards `wo` is that towards its own receiver.
+    #[inline]
+    fn is_alike_from(&self, wo: Vec3) -> bool {
+        self.is_diffuse && self.ns.dot(wo) >= UNTILTED
     }
 }
 
