@@ -1,6 +1,6 @@
 //! Renders a scene of the peers' drivers (`scene.json` and PLY files) and prints one JSON line, as they do.
 //!
-//! `cargo bench -p diopter --bench peers -- FOLDER SCENE SPP [--out X.npy] [--seed N] [--sampler sobol] [--roulette N] [--nk ETA K]`
+//! `cargo bench -p diopter --bench peers -- FOLDER SCENE SPP [--out X.npy] [--seed N] [--sampler sobol] [--integrator auto] [--rgb] [--roulette N] [--nk ETA K]`
 //! Radiance is written as linear sRGB, h × w × 3 float32. Without arguments (as under a plain `cargo bench`) it says how it
 //! is called and ends.
 
@@ -15,7 +15,9 @@ use diopter::scene::material::{Conductor, Material, Scattering};
 use diopter::scene::shape::Mesh;
 use diopter::scene::texture::Color;
 use diopter::scene::{Description, Object, Scene, Shape};
-use diopter::{Camera, CameraMotion, Film, Response, Settings, Shutter, camera::look_at, expose, expose::ProgressReporter};
+use diopter::{
+    Camera, CameraMotion, Film, Integrator, Response, Settings, Shutter, camera::look_at, expose, expose::ProgressReporter,
+};
 use glam::{Affine3A, Mat3, Vec3};
 use serde_json::Value;
 use std::path::Path;
@@ -25,7 +27,9 @@ use std::time::Instant;
 fn main() {
     let args: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
     if args.len() < 3 {
-        println!("peers: FOLDER SCENE SPP [--out X.npy] [--seed N] [--sampler NAME] [--roulette N] [--threads N]");
+        println!(
+            "peers: FOLDER SCENE SPP [--out X.npy] [--seed N] [--sampler NAME] [--integrator NAME] [--rgb] [--roulette N] [--threads N]"
+        );
         return;
     }
     let option = |name: &str| args.iter().position(|a| a == name).map(|i| args[i + 1].clone());
@@ -63,6 +67,10 @@ fn main() {
         Some("grid") => SamplerKind::Grid,
         _ => SamplerKind::Sobol,
     };
+    settings.rgb = args.iter().any(|a| a == "--rgb");
+    if let Some(name) = option("--integrator") {
+        settings.integrator = Integrator::by_name(&name).expect("the name of an integrator");
+    }
     let shutter = Shutter::global(1.0);
     let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
     let (wall, cpu) = (Instant::now(), processor_seconds());

@@ -7,7 +7,7 @@
 //! function; media that differ from place to place are tracked (`medium/tracking.rs`). Light that is sampled comes through smooth thin dielectrics (panes, bubbles). Caustics
 //! of small lights are left to chance without photons ([`crate::light_paths`]). Limits: a path begins outside all bodies.
 //!
-//! Entries are here, the steps of a path in `radiance/path.rs`.
+//! Entries are here, the steps of a path in `radiance/path.rs`, what paths of several pixels lend one another in `radiance/reuse.rs`.
 
 mod cone;
 mod first_surface;

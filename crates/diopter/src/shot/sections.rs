@@ -604,9 +604,9 @@ section! {
         /// polarisation do so anyway.
         #[arg(long)]
         pub polarized: bool,
-        /// path: from the camera only. caustics: and photons from lamps over mirrors and through glass, and light from small lamps out of focus.
-        /// bidirectional: and connections of camera paths with light paths from the lamps. auto: photons for small lamps where there is smooth glass or metal, light from
-        /// small lamps out of focus, and connections where a trial shows that they pay.
+        /// path: from the camera only. path-reuse: and pixels lend one another the light that their paths found. caustics: and photons from lamps over mirrors and through
+        /// glass, and light from small lamps out of focus. bidirectional: and connections of camera paths with light paths from the lamps. auto: photons for small lamps where
+        /// there is smooth glass or metal, light from small lamps out of focus, and path reuse or connections where a trial shows that they pay.
         #[arg(long, value_name = "NAME")]
         pub integrator: Option<String>,
         /// Stray light: all, none, or some of ghosts, diffraction, scatter with commas between them.

@@ -7,8 +7,9 @@
 //!
 //! Sources: Bekaert, Sbert & Halton 2002, "Accelerating Path Tracing by Re-Using Paths", EGWR; Veach 1997, §9.2 (balance heuristic).
 //!
-//! A donor is lent where it reflects broadly (`BROAD_ALPHA`), whatever receiver found it; others serve their own path alone. So do directions through a surface, and donors behind panes and faces of
-//! media: a shadow ray that meets any of them is blocked, as the path that found a donor met none.
+//! What a donor lends is the same whatever receiver found it: all that broad lobes (`BROAD_ALPHA`) send on, and what narrow ones send on from lamps without extent; the rest serves its own path alone. So do
+//! directions through a surface, and donors behind panes and faces of media: a shadow ray that meets any of them is blocked, as the path that found a donor met none.
+//! Why so, with figures: `docs/decisions/path-reuse.md`.
 
 use super::CameraPath;
 use super::path::{Arrival, Next, Path, Transport};
@@ -20,7 +21,7 @@ use diopter_light::random::Dimensions;
 use diopter_light::{Ray, SampledSpectrum, SampledWavelengths};
 use glam::Vec3;
 
-/// Least GGX width of the microfacets of a donor: what narrower ones reflect towards another receiver is not what the path was sampled for.
+/// Least GGX width of broad microfacets: what narrower ones reflect towards another receiver is not what the path was sampled for.
 const BROAD_ALPHA: f32 = 0.2;
 
 /// Least cosine to the shading normal under which a scattering function of a diffuse surface is the same from all sides (`LocalFrame::new` tilts the normal below).
