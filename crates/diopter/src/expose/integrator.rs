@@ -1,5 +1,6 @@
 //! Which integrator computes an exposure, and how often caustics get new photons.
 
+use super::pixel_groups::GROUP;
 use super::settings::Integrator;
 use super::unit::Unit;
 use super::{Exposure, trial};
@@ -62,7 +63,9 @@ impl Exposure<'_> {
 
     /// Whether pixels may lend one another light.
     pub(super) fn may_reuse(&self) -> bool {
+        let film = &self.camera.film;
         matches!(self.settings.integrator, Integrator::Auto | Integrator::PathReuse)
+            && film.columns * film.rows >= GROUP
             && !self.is_polarized()
             && self.camera.motion.moving().is_none()
             && self.scene.lets_paths_be_reused()
