@@ -315,7 +315,7 @@ impl Exposure<'_> {
         })
     }
 
-    /// The pixels of the tile that holds a pixel, alone: as a whole exposure has them, but that outliers are kept, and that what lamps diffract far out and what
+    /// The pixels of the tile that holds a pixel, alone: as a whole exposure has them, but that outliers are kept, that pixels lend one another no light, and that what lamps diffract far out and what
     /// light is traced from them is gathered along paths as all light is.
     pub(crate) fn tile_around(&self, [column, row]: [usize; 2]) -> PixelBlock {
         let diffraction = match self.settings.diffraction {

@@ -61,6 +61,8 @@ struct Built {
     light_motions: Vec<LightMotion>,
     /// Whether light may go straight through a face: of media, of thin dielectrics.
     has_straight_transmission: bool,
+    /// Whether a body may bend wavelengths differently.
+    may_disperse: bool,
 }
 
 /// A scene over one exposure.
@@ -168,6 +170,11 @@ impl Scene {
     /// Whether a lamp's light changes with time.
     pub(crate) fn flickers(&self) -> bool {
         self.flickers
+    }
+
+    /// Whether a body may bend wavelengths differently.
+    pub(crate) fn may_disperse(&self) -> bool {
+        self.built.may_disperse
     }
 
     /// What the scene was built from.

@@ -138,10 +138,11 @@ impl Unit<'_> {
         Sampler::new(self.settings.sampler, self.settings.seed, (x as u32, y as u32), sample, self.settings.spp)
     }
 
-    /// What draws the wavelengths of a sample, which are the same for all pixels of a group, and with them how diffraction displaces it.
-    fn group_sampler(&self, x: usize, y: usize, sample: u32) -> Sampler {
-        let [x, y] = self.groups.map_or([x, y], |groups| groups.representative([x, y]));
-        self.sampler(x, y, sample)
+    /// What draws the wavelengths of a sample of a pixel, which are the same for all pixels of a group, and with them how diffraction displaces it.
+    fn group_sampler(&self, pixel: [usize; 2], sampler: &Sampler) -> Sampler {
+        let Some(groups) = &self.groups else { return *sampler };
+        let [x, y] = groups.representative(pixel);
+        self.sampler(x, y, sampler.number())
     }
 
     /// All samples of a tile, some at a time and in their order, handed to `each`; `uses_variate`: whether it is asked where pixels land as a whole.
@@ -163,7 +164,8 @@ impl Unit<'_> {
             rays.clear();
             rays.extend(left.by_ref().take(PACKET).filter_map(|number| {
                 let (x, y, sample) = numbers.of(number)?;
-                self.camera_ray(x, y, &self.sampler(x, y, sample), &self.group_sampler(x, y, sample))
+                let sampler = self.sampler(x, y, sample);
+                self.camera_ray(x, y, &sampler, &self.group_sampler([x, y], &sampler))
             }));
             each(&mut rays);
         }
@@ -174,7 +176,7 @@ impl Unit<'_> {
         &self,
         lens: &CompoundLens,
         numbers: &Numbers,
-        mut members: impl Iterator<Item = usize>,
+        members: impl Iterator<Item = usize>,
         uses_variate: bool,
         mut each: impl FnMut(&mut Vec<CameraRay>),
     ) {
@@ -186,21 +188,16 @@ impl Unit<'_> {
         let mut from_sensor = self.behind.as_ref().map(|behind| FromSensor { behind, rays: [None; LANES], film, shifts });
         let mut drawn: Vec<Drawn> = Vec::with_capacity(LANES);
         let mut rays = Vec::with_capacity(LANES);
-        loop {
+        let mut members = members.peekable();
+        while members.peek().is_some() {
             drawn.clear();
             exits.passed = 0;
-            let mut is_last = true;
-            for number in members.by_ref().take(LANES) {
-                is_last = false;
-                let Some((x, y, sample)) = numbers.of(number) else { continue };
-                let k = drawn.len();
-                let sample = self.draw([x, y], self.sampler(x, y, sample), &self.group_sampler(x, y, sample));
+            for (x, y, sample) in members.by_ref().take(LANES).filter_map(|number| numbers.of(number)) {
+                let (k, sampler) = (drawn.len(), self.sampler(x, y, sample));
+                let sample = self.draw([x, y], sampler, &self.group_sampler([x, y], &sampler));
                 shifts[k] = sample.moved;
                 packet.nm[k] = sample.wavelengths.nm.to_array();
                 drawn.push(sample);
-            }
-            if is_last {
-                return;
             }
             let count = drawn.len();
             if count == 0 {

@@ -4,7 +4,6 @@ use super::camera_rays::{CameraRay, Numbers, times};
 use super::dispersion_variate::{DispersionVariate, WavelengthHit};
 use super::light_tracing::LightTracing;
 use super::pixel_cone::PixelCones;
-use super::pixel_groups::PixelGroups;
 use super::response::{GROUP, add_to};
 use super::stars;
 use super::summed_bands;
@@ -67,14 +66,13 @@ impl Unit<'_> {
         let by_pixel = self.groups.is_some() && !variates.is_empty();
         let mut of_group: Vec<(CameraRay, CameraLight)> = Vec::new();
         let group = |ray: &CameraRay| self.groups.map(|groups| groups.of(ray.pixel));
-        let is_of_group = |a: &CameraRay, b: &CameraRay| group(a) == group(b);
         self.camera_rays(&numbers, !variates.is_empty(), |rays| {
             let light = self.light_along(rays, light_paths);
             if !by_pixel {
                 return rays.iter().zip(light).for_each(|(ray, light)| self.count(ray, &light, &mut variates, &mut sums));
             }
             for sample in rays.drain(..).zip(light) {
-                if of_group.first().is_some_and(|(ray, _)| !is_of_group(ray, &sample.0)) {
+                if of_group.first().is_some_and(|(ray, _)| group(ray) != group(&sample.0)) {
                     self.count_group(&mut of_group, &mut variates, &mut sums);
                 }
                 of_group.push(sample);
@@ -132,24 +130,15 @@ impl Unit<'_> {
         if self.polarized {
             return self.polarized_light(&paths);
         }
-        let grouped = |groups: PixelGroups| {
-            let is_of_group = move |a: &CameraRay, b: &CameraRay| {
-                a.sampler.number() == b.sampler.number() && groups.of(a.pixel) == groups.of(b.pixel)
-            };
-            rays.chunk_by(is_of_group).scan(0, |first, group| {
-                *first += group.len();
-                Some(*first - group.len()..*first)
-            })
-        };
         match self.direct {
             None => {
                 let of = |radiance| CameraLight { radiance, direct: None, linear: None };
-                let radiances = match self.groups {
-                    None => self.scene.radiance_of(&paths, settings),
-                    Some(groups) => {
-                        grouped(groups).flat_map(|group| self.scene.radiance_of_group(&paths[group], settings)).collect()
-                    }
-                };
+                let radiances = self.by_group(
+                    rays,
+                    &paths,
+                    |paths| self.scene.radiance_of(paths, settings),
+                    |group| self.scene.radiance_of_group(group, settings),
+                );
                 radiances.into_iter().map(of).collect()
             }
             Some(_) => {
@@ -157,15 +146,34 @@ impl Unit<'_> {
                     let fraction = std::array::from_fn(|c| if all[c] > 0.0 { direct[c] / all[c] } else { 0.0 });
                     CameraLight { radiance: all, direct: Some(fraction), linear: None }
                 };
-                let both = match self.groups {
-                    None => self.scene.radiance_and_direct_of(&paths, settings),
-                    Some(groups) => grouped(groups)
-                        .flat_map(|group| self.scene.radiance_and_direct_of_group(&paths[group], settings))
-                        .collect(),
-                };
+                let both = self.by_group(
+                    rays,
+                    &paths,
+                    |paths| self.scene.radiance_and_direct_of(paths, settings),
+                    |group| self.scene.radiance_and_direct_of_group(group, settings),
+                );
                 both.into_iter().map(of).collect()
             }
         }
+    }
+
+    /// What `of_group` gives for the paths of each sample of a group of pixels, or `alone` for all paths where there are no groups.
+    fn by_group<R>(
+        &self,
+        rays: &[CameraRay],
+        paths: &[CameraPath],
+        alone: impl Fn(&[CameraPath]) -> Vec<R>,
+        of_group: impl Fn(&[CameraPath]) -> Vec<R>,
+    ) -> Vec<R> {
+        let Some(groups) = &self.groups else { return alone(paths) };
+        let group = |ray: &CameraRay| (ray.sampler.number(), groups.of(ray.pixel));
+        let mut left = paths;
+        let mut next = |of_rays: &[CameraRay]| {
+            let (paths, after) = left.split_at(of_rays.len());
+            left = after;
+            of_group(paths)
+        };
+        rays.chunk_by(|a, b| group(a) == group(b)).flat_map(&mut next).collect()
     }
 
     /// Light along camera paths that are followed with their polarisation: behind the polariser, if there is one.

@@ -118,7 +118,7 @@ fn check_polarized(settings: &Settings, sensor: &Sensor) -> Result<(), ShotError
         return Err(value(
             "integrator",
             settings.integrator.name(),
-            "path or auto where light is polarised: photons and light paths carry no polarisation",
+            "path, path-reuse or auto where light is polarised: photons and light paths carry no polarisation",
         ));
     }
     if settings.records_direct() {

@@ -13,6 +13,7 @@ use diopter::{
     Camera, CameraMotion, Film, Integrator, Response, Settings, Shutter, camera::look_at, expose, expose::ProgressReporter,
 };
 use glam::Vec3;
+use std::ops::Range;
 use std::sync::atomic::AtomicBool;
 
 const SECOND: Shutter = Shutter { mechanism: diopter::shutter::Mechanism::Global, exposure_s: 1.0 };
@@ -64,35 +65,49 @@ fn sunlit_room(columns: usize, rows: usize) -> (Scene, Camera) {
     (Scene::build(description).unwrap(), Camera { motion: CameraMotion::still(place), ..camera })
 }
 
-fn settings(integrator: Integrator, spp: u32, seed: u64) -> Settings {
+pub fn settings(integrator: Integrator, spp: u32, seed: u64) -> Settings {
     Settings { integrator, seed, truth: false, ..Settings::new(spp) }
 }
 
 #[test]
 fn threads_and_parts_do_not_change_a_bidirectional_exposure() {
     for (scene, camera) in [room(15, 10), sunlit_room(15, 10)] {
-        threads_and_parts(&scene, &camera);
+        let settings = |samples| Settings { samples, ..settings(Integrator::Bidirectional, 512, 1) };
+        // Samples of two pairs of pools: these pixels share one for 256 samples.
+        threads_and_parts(&scene, &camera, settings, [252, 254, 258, 260]);
     }
 }
 
-fn threads_and_parts(scene: &Scene, camera: &Camera) {
-    let settings = |samples| Settings { samples, ..settings(Integrator::Bidirectional, 512, 1) };
-    let with = |threads: usize, samples: std::ops::Range<u32>| {
+/// Numbers of threads do not change a bit, parts between these samples merge to the whole, and it is not what paths alone make.
+pub fn threads_and_parts(scene: &Scene, camera: &Camera, settings: impl Fn(Range<u32>) -> Settings + Sync, ends: [u32; 4]) {
+    let with = |threads: usize, samples: Range<u32>| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| take(scene, camera, &settings(samples)))
     };
-    // Samples of two pairs of pools: these pixels share one for 256 samples.
-    let whole = with(1, 252..260);
-    assert_eq!(whole, with(2, 252..260));
-    assert_eq!(whole, with(16, 252..260));
-    let merged = FocalPlane::merge(&[with(2, 252..254), with(2, 254..258), with(2, 258..260)]).unwrap();
+    let [a, b, c, d] = ends;
+    let whole = with(1, a..d);
+    assert_eq!(whole, with(2, a..d));
+    assert_eq!(whole, with(16, a..d));
+    let merged = FocalPlane::merge(&[with(2, a..b), with(1, b..c), with(2, c..d)]).unwrap();
     for (a, b) in whole.mean.data.iter().zip(&merged.mean.data) {
         // Rounding of planes in single precision.
         assert!((a - b).abs() <= 2e-6 * a.abs().max(1.0), "{a} {b}");
     }
-    // It is not what paths alone make.
-    let path = take(scene, camera, &Settings { integrator: Integrator::Path, ..settings(252..260) });
+    let path = take(scene, camera, &Settings { integrator: Integrator::Path, ..settings(a..d) });
     assert!(whole != path);
+}
+
+/// Variance of all pixels, as exposures of several seeds claim it and as it is between them.
+pub fn claimed_and_seen(planes: &[FocalPlane]) -> [f64; 2] {
+    let seeds = planes.len() as f64;
+    let (mut claimed, mut seen) = (0.0, 0.0);
+    for pixel in 0..planes[0].mean.data.len() {
+        let values: Vec<f64> = planes.iter().map(|p| f64::from(p.mean.data[pixel])).collect();
+        let mean = values.iter().sum::<f64>() / seeds;
+        seen += values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (seeds - 1.0);
+        claimed += planes.iter().map(|p| f64::from(p.half_difference.data[pixel]).powi(2)).sum::<f64>() / seeds;
+    }
+    [claimed, seen]
 }
 
 #[test]
@@ -101,14 +116,7 @@ fn the_claimed_variance_is_that_between_seeds() {
     const SEEDS: u64 = 30;
     let planes: Vec<FocalPlane> =
         (1..=SEEDS).map(|seed| take(&scene, &camera, &settings(Integrator::Bidirectional, 8, seed))).collect();
-    let pixels = planes[0].mean.data.len();
-    let (mut claimed, mut seen) = (0.0, 0.0);
-    for pixel in 0..pixels {
-        let values: Vec<f64> = planes.iter().map(|p| f64::from(p.mean.data[pixel])).collect();
-        let mean = values.iter().sum::<f64>() / SEEDS as f64;
-        seen += values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (SEEDS - 1) as f64;
-        claimed += planes.iter().map(|p| f64::from(p.half_difference.data[pixel]).powi(2)).sum::<f64>() / SEEDS as f64;
-    }
+    let [claimed, seen] = claimed_and_seen(&planes);
     println!("claimed over seen {}", claimed / seen);
     // 216 pixels of 30 seeds: 5 % of each.
     assert!((claimed / seen - 1.0).abs() < 0.1, "{claimed} {seen}");

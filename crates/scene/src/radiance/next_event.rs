@@ -21,21 +21,10 @@ pub(super) struct LightChoice {
 }
 
 impl<'a> Transport<'a> {
-    /// Chooses a light for a vertex of a path by numbers from 0 to 1, and a place on it; none where it brings nothing even if nothing is on the way.
-    #[inline]
-    pub fn choose_light<T: Tally>(
-        &self,
-        path: &mut Path<'a, T>,
-        here: &SurfaceVertex<'_, 'a>,
-        u: [f32; 4],
-        camera_vertex: Option<&(&LightVertices, CameraVertex<'_, 'a>)>,
-    ) {
-        self.choose_light_for(path, here, u, camera_vertex, true);
-    }
-
-    /// The same; what comes is scattered into the path where `is_scattered`, and arrives there as it is where not, whether the surface scatters it or not. Gives where it comes from.
+    /// Chooses a light for a vertex of a path by numbers from 0 to 1, and a place on it; none where it brings nothing even if nothing is on the way. What comes is scattered into the path
+    /// where `is_scattered`; where not, it arrives there as it is, from the side of the normal, whether the surface scatters it or not. Gives where it comes from.
     #[inline(always)]
-    pub fn choose_light_for<T: Tally>(
+    pub fn choose_light<T: Tally>(
         &self,
         path: &mut Path<'a, T>,
         here: &SurfaceVertex<'_, 'a>,
@@ -50,10 +39,12 @@ impl<'a> Transport<'a> {
         let (light, probability) = self.scene.lights().choose(surface.point, bsdf.light_normal(), u[2], path.flash)?;
         let light_sample = self.scene.sample_li(light, surface.point, [u[0], u[1]], time_s)?;
         let (f, pdf) = bsdf.eval(light_sample.wi);
-        if is_scattered && f == SampledSpectrum::ZERO || !is_scattered && light_sample.wi.dot(here.ng) <= 0.0 {
-            return None;
-        }
-        let f = if is_scattered { f } else { SampledSpectrum::ONE };
+        let f = match is_scattered {
+            true if f == SampledSpectrum::ZERO => return None,
+            true => f,
+            false if light_sample.wi.dot(here.ng) <= 0.0 => return None,
+            false => SampledSpectrum::ONE,
+        };
         let density = probability * light_sample.pdf;
         let by_chance = if light_sample.has_extent { squared_ratio(pdf, density) } else { 0.0 };
         let weight = 1.0 / (1.0 + by_chance);

@@ -388,7 +388,7 @@ impl<'a> Transport<'a> {
         }
         let [light_numbers, scatter_numbers] =
             path.camera.sampler.get_two([Dimensions::Light(path.vertex), Dimensions::Scatter(path.vertex)]);
-        self.choose_light(path, here, light_numbers, camera_vertex.as_ref());
+        self.choose_light(path, here, light_numbers, camera_vertex.as_ref(), true);
         let joint = match path.medium_stack.span(self.scene, &path.ray, here.surface.t) {
             None => None,
             Some((medium, span)) => {

@@ -15,7 +15,7 @@ use super::CameraPath;
 use super::path::{Arrival, Next, Path, Transport};
 use super::tally::Divisible;
 use crate::material::{Bsdf, Coverage, Material, Scatter};
-use crate::scene::{Scene, Shape};
+use crate::scene::{Object, Scene, Shape};
 use crate::shape::{Surface, offset_origin};
 use diopter_light::random::Dimensions;
 use diopter_light::{Ray, SampledSpectrum, SampledWavelengths};
@@ -84,10 +84,11 @@ struct Donor<'a> {
     is_diffuse: bool,
 }
 
-/// A path that went on from a donor, whose tally is that of the donor.
-struct Continued<T> {
-    /// Of the path up to there.
-    own: T,
+/// What is laid aside of a path while it follows the light of its donor.
+struct Laid<T> {
+    /// Of the path up to the donor.
+    tally_before: T,
+    depth: u32,
     throughput: SampledSpectrum,
     /// f cos θ of the lobes that are lent, and of the others.
     broad: SampledSpectrum,
@@ -120,15 +121,11 @@ impl Found {
 impl Scene {
     /// Whether paths of several pixels may lend one another light ([`Scene::radiance_of_group`]): nothing moves or flickers, there is no fog around, and whether one place sees another is certain.
     pub fn lets_paths_be_reused(&self) -> bool {
-        let is_certain = |object: &crate::scene::Object| {
+        let is_certain = |object: &Object| {
             let material = self.material_at(object.material);
             !matches!(object.shape, Shape::Splats { .. }) && !matches!(material.coverage, Coverage::Blend(_))
         };
         self.air().is_none() && !self.moves() && !self.flickers() && self.description().objects.iter().all(is_certain)
-    }
-
-    fn may_disperse(&self) -> bool {
-        self.description().materials.iter().any(Material::may_disperse)
     }
 }
 
@@ -194,9 +191,8 @@ impl<'a> Transport<'a> {
             return self.follow_on(path);
         }
         let mut hit = self.find_hit(&path);
-        let (mut donor, mut aside, mut depth) = (None, None, 0);
+        let (mut donor, mut aside) = (None, None);
         let next = self.arrive(&mut path, hit.as_mut(), |path, here| {
-            depth = path.depth();
             let lends =
                 here.bsdf.only_reflects() && !here.bsdf.is_specular() && !here.surface.is_strand() && !here.material.is_mixed();
             match lends {
@@ -209,12 +205,12 @@ impl<'a> Transport<'a> {
         let Some(mut donor) = donor else { return tally };
         let tally = match aside {
             None => tally,
-            Some(own) => {
-                let Continued { mut own, throughput, broad, narrow } = own;
-                donor.found[1].light = tally.all();
-                donor.radiance += broad * donor.found[1].light;
-                own.add(throughput * narrow * donor.found[1].light, depth + 1);
-                own
+            Some(Laid { mut tally_before, depth, throughput, broad, narrow }) => {
+                let light = tally.all();
+                donor.found[1].light = light;
+                donor.radiance += broad * light;
+                tally_before.add(throughput * narrow * light, depth + 1);
+                tally_before
             }
         };
         if donor.found.iter().any(|found| found.light != SampledSpectrum::ZERO) {
@@ -230,20 +226,20 @@ impl<'a> Transport<'a> {
         here: &Arrival<'_, 'a>,
         number: usize,
         donor: &mut Option<Donor<'a>>,
-        aside: &mut Option<Continued<T>>,
+        aside: &mut Option<Laid<T>>,
     ) -> Next {
         let (vertex, bsdf) = (here.vertex(), &here.bsdf);
         let [light_numbers, scatter_numbers] =
             path.camera.sampler.get_two([Dimensions::Light(path.vertex), Dimensions::Scatter(path.vertex)]);
         let throughput = std::mem::replace(&mut path.throughput, SampledSpectrum::ONE);
-        let mut own = std::mem::take(&mut path.tally);
-        let chosen = self.choose_light_for(path, &vertex, light_numbers, None, false);
+        let mut tally_before = std::mem::take(&mut path.tally);
+        let (depth, chosen) = (path.depth(), self.choose_light(path, &vertex, light_numbers, None, false));
         self.connect_to_light(path);
         let light = std::mem::take(&mut path.tally).all();
         let by_light = chosen.map_or(Found::default(), |c| Found { wi: c.wi, light, through_narrow: !c.has_extent });
         let broad = by_light.response(bsdf);
         if by_light.light != SampledSpectrum::ZERO && !by_light.through_narrow {
-            own.add(throughput * (bsdf.eval(by_light.wi).0 - broad) * by_light.light, path.depth() + 1);
+            tally_before.add(throughput * (bsdf.eval(by_light.wi).0 - broad) * by_light.light, depth + 1);
         }
         let donor = donor.insert(Donor {
             path: number,
@@ -259,18 +255,19 @@ impl<'a> Transport<'a> {
             radiance: broad * by_light.light,
         });
         let Some(scatter) = bsdf.sample(scatter_numbers) else {
-            path.tally = own;
+            path.tally = tally_before;
             return Next::Ended;
         };
         let u = scatter_numbers[3];
         let broad = bsdf.eval_broad(scatter.wi, BROAD_ALPHA);
         if scatter.specular || broad == SampledSpectrum::ZERO {
-            (path.tally, path.throughput) = (own, throughput);
+            (path.tally, path.throughput) = (tally_before, throughput);
             return self.go_along(path, &vertex, scatter, u, None, None);
         }
         donor.found[1].wi = scatter.wi;
         let all = scatter.weight * scatter.pdf;
-        *aside = Some(Continued { own, throughput, broad, narrow: (all - broad).max(SampledSpectrum::ZERO) });
+        let narrow = (all - broad).max(SampledSpectrum::ZERO);
+        *aside = Some(Laid { tally_before, depth, throughput, broad, narrow });
         // Roulette goes by what the path itself would carry.
         path.eta_scale *= (throughput * scatter.weight).max_element() * scatter.pdf;
         let weight = SampledSpectrum::splat(1.0 / scatter.pdf);
@@ -347,12 +344,11 @@ impl Donor<'_> {
 /// within 2 %, by which light behind such bodies may be off.
 fn may_lend(cameras: &[CameraPath], scene: &Scene) -> bool {
     let first = &cameras[0].wavelengths;
-    let disperses = !first.is_rgb() && scene.may_disperse();
-    let of_hero = |camera: &CameraPath| (camera.wavelengths.hero_only().x / first.hero_only().x - 1.0).abs() < 0.02;
+    let same_hero = |camera: &CameraPath| (camera.wavelengths.hero_only().x / first.hero_only().x - 1.0).abs() < 0.02;
     cameras.iter().all(|camera| {
         camera.light_paths.photons.is_none()
             && camera.light_paths.vertices.is_none()
             && camera.wavelengths.nm == first.nm
-            && (!disperses || of_hero(camera))
+            && (!scene.may_disperse() || same_hero(camera))
     })
 }

@@ -119,6 +119,7 @@ impl Scene {
         let by_material: Vec<Option<Filtering>> = d.materials.iter().map(Material::filter_pictures).collect();
         let filtering = d.objects.iter().map(|o| by_material[o.material as usize]).collect();
         let has_straight_transmission = d.objects.iter().any(|o| d.materials[o.material as usize].may_transmit_straight());
+        let may_disperse = d.objects.iter().any(|o| d.materials[o.material as usize].may_disperse());
         let built = Built {
             top,
             shared,
@@ -130,6 +131,7 @@ impl Scene {
             light_of,
             light_motions,
             has_straight_transmission,
+            may_disperse,
         };
         let mut scene = Scene {
             built: Arc::new(built),
