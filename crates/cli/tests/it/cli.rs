@@ -406,7 +406,7 @@ fn wrong_requests_exit_with_2_and_a_hint() {
         (&["calc", "exposure", "f/1e-20", "1/60"], "from f/0.1 to f/100000"),
         (&["shoot", "--iso", "-100"], "ISO"),
         (&["shoot", "--spp", "0"], "1 to"),
-        (&["shoot", "--integrator", "metropolis"], "path, caustics, bidirectional or auto"),
+        (&["shoot", "--integrator", "metropolis"], "path, path-reuse, caustics, bidirectional or auto"),
         (&["shoot", "--shutter", "0"], "above 0"),
         (&["shoot", "--size", "0x10"], "1 to 65535"),
         (&["shoot", "--size", "100000x100000"], "1 to 65535"),

@@ -1,7 +1,7 @@
 //! What a shot asks for, checked: what no file and no scene is needed for, and what the camera must be able to do once it stands.
 
 use super::file::ShotFile;
-use super::flag_values::MOST_SAMPLES;
+use super::flag_values::{MOST_SAMPLES, alternatives};
 use super::sections::{DiffractionChoice, RenderSection};
 use super::{DEFAULT_BODY, DEFAULT_SEED, DEFAULT_SPP, Exposing, Inputs, ShotError, surroundings, value, white_point};
 use crate::camera::Camera;
@@ -216,7 +216,7 @@ fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
     let integrator = match r.integrator.as_deref() {
         None => Integrator::default(),
         Some(name) => Integrator::by_name(name)
-            .ok_or_else(|| value("integrator", format!("\"{name}\""), "path, caustics, bidirectional or auto"))?,
+            .ok_or_else(|| value("integrator", format!("\"{name}\""), alternatives(&Integrator::NAMES)))?,
     };
     let stray = match r.stray.as_deref() {
         None => Stray::default(),

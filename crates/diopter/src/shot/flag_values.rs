@@ -4,10 +4,15 @@ use crate::quantity::{LengthMm, number};
 
 /// Help of a flag that takes a name: what it is for, and the names.
 pub fn one_of<T>(purpose: &str, names: &[(&str, T)]) -> String {
+    format!("{purpose}: {}", alternatives(names))
+}
+
+/// Names that can be written: "a, b or c".
+pub fn alternatives<T>(names: &[(&str, T)]) -> String {
     let names: Vec<&str> = names.iter().map(|n| n.0).collect();
     match names.split_last() {
-        Some((last, before)) if !before.is_empty() => format!("{purpose}: {} or {last}", before.join(", ")),
-        _ => format!("{purpose}: {}", names.join(", ")),
+        Some((last, before)) if !before.is_empty() => format!("{} or {last}", before.join(", ")),
+        _ => names.join(", "),
     }
 }
 
