@@ -1,16 +1,14 @@
 //! `lens`: what a lens is and what it does.
 //!
 //! A verb is a file in `lens/` with a struct: its doc is the help, its fields are the flags, its method `run` does it. Here it is a line in
-//! `verbs!` and one that declares the file.
+//! `verbs!` and one that declares the file. Analyses without flags of their own are all in `lens/analyses.rs`.
 
+mod analyses;
 mod bench;
 mod calibrate;
 mod coating;
-mod color;
 mod convert;
-mod distortion;
 mod draw;
-mod fan;
 mod fit;
 mod ghosts;
 mod image_files;
@@ -23,7 +21,6 @@ mod report;
 mod spot;
 mod tolerance;
 mod trace;
-mod vignetting;
 mod wavefront;
 
 use super::print_json;
@@ -38,18 +35,23 @@ pub struct GlobalFlags {
     pub json: bool,
 }
 
-/// The verbs as clap reads them, and the dispatch to them: `file::Struct` each, in the order of the help. The name that is typed is that of the struct.
+/// The verbs as clap reads them, and the dispatch to them: `file::Struct` each, in the order of the help, in which those of `analyses.rs` take the place of the semicolon. The name that is typed is that of the struct.
 macro_rules! verbs {
-    ($($file:ident::$verb:ident,)*) => {
+    ($($file:ident::$verb:ident,)*; $($later:ident::$last:ident,)*) => {
         #[derive(clap::Subcommand, Debug)]
         pub enum LensVerb {
             $($verb($file::$verb),)*
+            #[command(flatten)]
+            Analysis(analyses::Analysis),
+            $($last($later::$last),)*
         }
 
         impl LensVerb {
             pub fn run(&self, global: &GlobalFlags) -> anyhow::Result<()> {
                 match self {
                     $(LensVerb::$verb(asked) => asked.run(global),)*
+                    LensVerb::Analysis(asked) => asked.run(global),
+                    $(LensVerb::$last(asked) => asked.run(global),)*
                 }
             }
         }
@@ -64,11 +66,8 @@ verbs! {
     spot::Spot,
     psf::Psf,
     wavefront::Wavefront,
-    fan::Fan,
     mtf::Mtf,
-    distortion::Distortion,
-    vignetting::Vignetting,
-    color::Color,
+    ;
     report::Report,
     coating::Coating,
     ghosts::Ghosts,
