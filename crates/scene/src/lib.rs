@@ -1,7 +1,7 @@
 //! Scenes: surfaces, materials and lights, and how much light arrives along a ray.
 //!
 //! A [`Description`] (from a file, [`load`], or made by code, [`builtin`]) becomes a [`Scene`], which is only read from then
-//! on. Begin with [`Scene::radiance_of`]: camera rays in, radiance out. World space is right-handed, metres, +Y up; light is absolute:
+//! on. Begin with [`Scene::trace`]: camera rays in, radiance out. World space is right-handed, metres, +Y up; light is absolute:
 //! W·m⁻²·sr⁻¹·nm⁻¹.
 //!
 //! Not here: lenses, films and pixels (what a scene file says of its camera is handed on as it is); files on disk, which the caller of [`load`] opens.

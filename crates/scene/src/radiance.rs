@@ -7,7 +7,7 @@
 //! function; media that differ from place to place are tracked (`medium/tracking.rs`). Light that is sampled comes through smooth thin dielectrics (panes, bubbles). Caustics
 //! of small lights are left to chance without photons ([`crate::light_paths`]). Limits: a path begins outside all bodies.
 //!
-//! Entries are here, the steps of a path in `radiance/path.rs`, what paths of several pixels lend one another in `radiance/reuse.rs`.
+//! Entries are here, what they record in `radiance/record.rs`, the steps of a path in `radiance/path.rs`, what paths of several pixels lend one another in `radiance/reuse.rs`.
 
 mod cone;
 mod first_surface;
@@ -19,6 +19,7 @@ mod medium_segment;
 mod next_event;
 mod path;
 mod prev_scatter;
+pub mod record;
 mod reuse;
 pub(crate) mod tally;
 mod to_light;
@@ -31,13 +32,11 @@ pub use incident::Incident;
 use crate::light::EmitterMis;
 use crate::light_paths::LightPaths;
 use crate::scene::Scene;
-use diopter_light::polarization::Stokes;
 use diopter_light::random::Sampler;
 use diopter_light::{Ray, SampledSpectrum, SampledWavelengths};
-use glam::Vec3;
 use path::Transport;
+use record::Record;
 pub(crate) use tally::DIRECT_EVENTS;
-use tally::{CausticTally, DirectTally, Polarized, Tally};
 pub(crate) use to_light::{MAX_INTERFACES, origin_behind, stream_along};
 
 /// How far paths are followed.
@@ -97,56 +96,16 @@ impl Scene {
         Transport { scene: self, settings }.follow(path, SampledSpectrum::ZERO)
     }
 
-    /// The same of many camera paths, in their order.
-    pub fn radiance_of(&self, paths: &[CameraPath], settings: &PathSettings) -> Vec<SampledSpectrum> {
-        self.follow_all(paths, settings, |_| SampledSpectrum::ZERO)
+    /// What `record` records of the light of many camera paths, in their order: the one entry of whoever traces pictures. With [`Radiance`](record::Radiance) the numbers of
+    /// [`Scene::radiance_along`].
+    pub fn trace<R: Record>(&self, paths: &[CameraPath], record: R, settings: &PathSettings) -> Vec<R::Light> {
+        record.trace(self, paths, settings)
     }
 
-    /// The Stokes vectors of the same light at each of the four wavelengths ([`diopter_light::polarization`]), all of it by the paths: without light paths and
-    /// [`CameraPath::emitter_mis`]. `axes`: the x axis of the frame of each path, perpendicular to its ray. Q, U and V are 0 on the mean where nothing polarises. I is, sample by
-    /// sample, [`Scene::radiance_of`] where no two events of the path polarise; elsewhere it is what polarised light gives, and that is another number.
-    ///
-    /// Panics where there are fewer axes than paths.
-    pub fn stokes_of(&self, paths: &[CameraPath], axes: &[Vec3], settings: &PathSettings) -> Vec<[Stokes; 4]> {
-        let alone = |path: &CameraPath| CameraPath { light_paths: LightPaths::default(), emitter_mis: None, ..*path };
-        let paths: Vec<CameraPath> = paths.iter().map(alone).collect();
-        let tallies = self.follow_all(&paths, settings, |number| Polarized::seen_along(axes[number]));
-        tallies.into_iter().map(|tally| tally.stokes).collect()
-    }
-
-    /// The numbers of [`Scene::radiance_of`], and what of them is direct light: emitted towards the camera, or scattered once on its way, by surface or medium. What goes
-    /// through a thin dielectric or off a mirror is scattered there. Direct light is, bit by bit (within rounding where volumes shine), the radiance with a `max_depth` of 1.
-    pub fn radiance_and_direct_of(&self, paths: &[CameraPath], settings: &PathSettings) -> Vec<[SampledSpectrum; 2]> {
-        let tallies = self.follow_all(paths, settings, |_| DirectTally::default());
-        tallies.into_iter().map(|DirectTally { all, direct }| [all, direct]).collect()
-    }
-
-    /// The same numbers, and what of them came from photons: by how much they matter in a picture.
-    pub fn radiance_and_caustics_of(&self, paths: &[CameraPath], settings: &PathSettings) -> Vec<[SampledSpectrum; 2]> {
-        let tallies = self.follow_all(paths, settings, |_| CausticTally::default());
-        tallies.into_iter().map(|CausticTally { all, gathered }| [all, gathered]).collect()
-    }
-
-    /// The same numbers of a group of camera paths of the same wavelengths that lend one another what light they found, in their order: means are those of [`Scene::radiance_of`], errors are
-    /// smaller, and correlated within the group. Paths are followed alone where they may not lend: where [`CameraPath::light_paths`] are given or wavelengths differ; whether the scene allows it
-    /// ([`Scene::lets_paths_be_reused`]) is for whoever asks.
-    pub fn radiance_of_group(&self, paths: &[CameraPath], settings: &PathSettings) -> Vec<SampledSpectrum> {
-        Transport { scene: self, settings }.follow_group(paths, || SampledSpectrum::ZERO)
-    }
-
-    /// The numbers of [`Scene::radiance_and_direct_of`], of a group as [`Scene::radiance_of_group`] takes it: direct light is that of each path alone.
-    pub fn radiance_and_direct_of_group(&self, paths: &[CameraPath], settings: &PathSettings) -> Vec<[SampledSpectrum; 2]> {
-        let tallies = Transport { scene: self, settings }.follow_group(paths, DirectTally::default);
-        tallies.into_iter().map(|DirectTally { all, direct }| [all, direct]).collect()
-    }
-
-    fn follow_all<'a, T: Tally>(
-        &'a self,
-        paths: &'a [CameraPath<'a>],
-        settings: &'a PathSettings,
-        tally: impl Fn(usize) -> T,
-    ) -> Vec<T> {
-        let transport = Transport { scene: self, settings };
-        paths.iter().enumerate().map(|(number, path)| transport.follow(path, tally(number))).collect()
+    /// The same of a group of camera paths of the same wavelengths that reuse the light that each other found: means are those of [`Scene::trace`], errors are
+    /// smaller, and correlated within the group; direct light is that of each path alone. Paths are traced alone where they may not share light: where [`CameraPath::light_paths`] are given or wavelengths
+    /// differ; whether the scene allows it ([`Scene::lets_paths_be_reused`]) is for whoever asks.
+    pub fn trace_group<R: Record>(&self, paths: &[CameraPath], record: R, settings: &PathSettings) -> Vec<R::Light> {
+        record.trace_group(self, paths, settings)
     }
 }

@@ -1,4 +1,4 @@
-//! Which pixels lend one another light ([`diopter_scene::Scene::radiance_of_group`]): a tile is divided into blocks, a block into cells, and of every cell each group of the block has one pixel, by chance.
+//! Which pixels lend one another light ([`diopter_scene::Scene::trace_group`]): a tile is divided into blocks, a block into cells, and of every cell each group of the block has one pixel, by chance.
 //! Errors of a group's pixels are alike: so spread they look like noise, and most neighbors are of different groups.
 
 use super::TILE;

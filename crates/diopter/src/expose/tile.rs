@@ -16,6 +16,7 @@ use diopter_lens::Lens;
 use diopter_scene::light::EmitterMis;
 use diopter_scene::light_paths::{LightPaths, LightVertices, PhotonMap};
 use diopter_scene::radiance::CameraPath;
+use diopter_scene::radiance::record::{Radiance, RadianceAndDirect, Record, StokesVectors};
 use std::ops::Range;
 
 /// Q / I and U / I of each wavelength behind all filters, where the film tells them.
@@ -126,52 +127,34 @@ impl Unit<'_> {
             CameraPath { cone, wavelengths, sampler, light_paths, emitter_mis }
         };
         let paths: Vec<CameraPath> = rays.iter().enumerate().map(begin).collect();
-        let settings = &self.settings.path;
         if self.polarized {
             return self.polarized_light(&paths);
         }
         match self.direct {
             None => {
                 let of = |radiance| CameraLight { radiance, direct: None, linear: None };
-                let radiances = self.by_group(
-                    rays,
-                    &paths,
-                    |paths| self.scene.radiance_of(paths, settings),
-                    |group| self.scene.radiance_of_group(group, settings),
-                );
-                radiances.into_iter().map(of).collect()
+                self.trace(rays, &paths, Radiance).into_iter().map(of).collect()
             }
             Some(_) => {
                 let of = |[all, direct]: [glam::Vec4; 2]| {
                     let fraction = std::array::from_fn(|c| if all[c] > 0.0 { direct[c] / all[c] } else { 0.0 });
                     CameraLight { radiance: all, direct: Some(fraction), linear: None }
                 };
-                let both = self.by_group(
-                    rays,
-                    &paths,
-                    |paths| self.scene.radiance_and_direct_of(paths, settings),
-                    |group| self.scene.radiance_and_direct_of_group(group, settings),
-                );
-                both.into_iter().map(of).collect()
+                self.trace(rays, &paths, RadianceAndDirect).into_iter().map(of).collect()
             }
         }
     }
 
-    /// What `of_group` gives for the paths of each sample of a group of pixels, or `alone` for all paths where there are no groups.
-    fn by_group<R>(
-        &self,
-        rays: &[CameraRay],
-        paths: &[CameraPath],
-        alone: impl Fn(&[CameraPath]) -> Vec<R>,
-        of_group: impl Fn(&[CameraPath]) -> Vec<R>,
-    ) -> Vec<R> {
-        let Some(groups) = &self.groups else { return alone(paths) };
+    /// Traces the paths of some camera rays: those of the same sample of a group of pixels together, where there are groups.
+    fn trace<R: Record>(&self, rays: &[CameraRay], paths: &[CameraPath], record: R) -> Vec<R::Light> {
+        let settings = &self.settings.path;
+        let Some(groups) = &self.groups else { return self.scene.trace(paths, record, settings) };
         let group = |ray: &CameraRay| (ray.sampler.number(), groups.of(ray.pixel));
         let mut left = paths;
         let mut next = |of_rays: &[CameraRay]| {
             let (paths, after) = left.split_at(of_rays.len());
             left = after;
-            of_group(paths)
+            self.scene.trace_group(paths, record, settings)
         };
         rays.chunk_by(|a, b| group(a) == group(b)).flat_map(&mut next).collect()
     }
@@ -181,7 +164,7 @@ impl Unit<'_> {
         let analysis = |path: &CameraPath| Analysis::of(self.camera, self.settings.polarizer.as_ref(), &path.cone.ray);
         let analyses: Vec<Analysis> = paths.iter().map(analysis).collect();
         let axes: Vec<glam::Vec3> = analyses.iter().map(|a| a.axis).collect();
-        let seen = self.scene.stokes_of(paths, &axes, &self.settings.path);
+        let seen = self.scene.trace(paths, StokesVectors { axes: &axes }, &self.settings.path);
         let light = |(analysis, stokes): (&Analysis, [diopter_light::polarization::Stokes; 4])| {
             let stokes = stokes.map(|s| analysis.apply(s));
             let radiance = glam::Vec4::from_array(stokes.map(|s| s.x));

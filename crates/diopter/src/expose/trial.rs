@@ -11,6 +11,7 @@ use diopter_light::random::{Sampler, SamplerKind};
 use diopter_light::{Ray, SampledWavelengths};
 use diopter_scene::light_paths::{Caustics, Connections, LightPaths};
 use diopter_scene::radiance::CameraPath;
+use diopter_scene::radiance::record::{Radiance, RadianceAndCaustics};
 use rayon::prelude::*;
 
 /// Blocks of the film a side.
@@ -153,7 +154,7 @@ impl Exposure<'_> {
                 Some(CameraPath { light_paths, ..CameraPath::new(camera.ray, camera.wavelengths, sampler) })
             };
             let paths: Vec<CameraPath> = (0..PHOTON_SIDE * PHOTON_SIDE).filter_map(begin).collect();
-            let seen = self.scene.radiance_and_caustics_of(&paths, &self.settings.path);
+            let seen = self.scene.trace(&paths, RadianceAndCaustics, &self.settings.path);
             let mut sums = [0.0f64; 2];
             for (path, both) in paths.iter().zip(seen) {
                 for (sum, light) in sums.iter_mut().zip(both) {
@@ -226,8 +227,8 @@ impl Exposure<'_> {
                     };
                     let paths: Vec<CameraPath> = rays.iter().map(path).collect();
                     let radiances = match candidate {
-                        Candidate::Reuse => self.scene.radiance_of_group(&paths, &self.settings.path),
-                        _ => self.scene.radiance_of(&paths, &self.settings.path),
+                        Candidate::Reuse => self.scene.trace_group(&paths, Radiance, &self.settings.path),
+                        _ => self.scene.trace(&paths, Radiance, &self.settings.path),
                     };
                     for ((pair, light), path) in pairs.iter_mut().zip(radiances).zip(&paths) {
                         let light = f64::from((light * path.wavelengths.weight).element_sum());

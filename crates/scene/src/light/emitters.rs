@@ -110,7 +110,7 @@ impl Emitters<'_> {
     }
 
     /// Spectral radiance that arrives along a light sample from `p` at `origin`, a point on the same line, at a time of the exposure: what it sends out, less what
-    /// is in the way; and what of it is direct light ([`Scene::radiance_and_direct_of`]), through one thin dielectric at most.
+    /// is in the way; and what of it is direct light ([`RadianceAndDirect`](crate::radiance::record::RadianceAndDirect)), through one thin dielectric at most.
     #[allow(clippy::too_many_arguments)]
     pub fn incident_radiance(
         &self,

@@ -119,7 +119,7 @@ impl Found {
 }
 
 impl Scene {
-    /// Whether paths of several pixels may lend one another light ([`Scene::radiance_of_group`]): nothing moves or flickers, there is no fog around, and whether one place sees another is certain.
+    /// Whether paths of several pixels may lend one another light ([`Scene::trace_group`]): nothing moves or flickers, there is no fog around, and whether one place sees another is certain.
     pub fn lets_paths_be_reused(&self) -> bool {
         let is_certain = |object: &Object| {
             let material = self.material_at(object.material);

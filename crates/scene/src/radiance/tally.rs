@@ -118,6 +118,13 @@ pub(super) struct DirectTally {
     pub direct: SampledSpectrum,
 }
 
+impl DirectTally {
+    /// All light, and direct light.
+    pub fn both(self) -> [SampledSpectrum; 2] {
+        [self.all, self.direct]
+    }
+}
+
 impl Tally for DirectTally {
     type ThinDielectrics = ();
     type Vertex = ();

@@ -10,6 +10,7 @@ use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{Conductor, Material, Principled, Scattering};
 use diopter_scene::medium::{Air, Coefficient, Medium};
 use diopter_scene::radiance::CameraPath;
+use diopter_scene::radiance::record::RadianceAndCaustics;
 use diopter_scene::shape::{Mesh, Quad, Sphere};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
@@ -247,7 +248,7 @@ fn a_mirrored_beam_is_seen_in_fog() {
                 let sampler = Sampler::new(SamplerKind::Sobol, 3, (7, 1), i, n);
                 let light_paths = LightPaths::of_photons(Some(&map));
                 let along = CameraPath { light_paths, ..CameraPath::new(ray, wavelengths, sampler) };
-                let [_, gathered] = scene.radiance_and_caustics_of(&[along], &path)[0];
+                let [_, gathered] = scene.trace(&[along], RadianceAndCaustics, &path)[0];
                 sum += f64::from(gathered.element_sum()) / 4.0;
             }
         }

@@ -9,6 +9,7 @@ use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{Conductor, Interior, Material, Principled, Scattering, Transmission};
 use diopter_scene::medium::Medium;
 use diopter_scene::radiance::CameraPath;
+use diopter_scene::radiance::record::{Radiance, RadianceAndDirect};
 use diopter_scene::shape::{Quad, Sphere};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
@@ -88,7 +89,7 @@ fn direct_light_is_that_of_one_scattering_event_bit_by_bit() {
             let direction = Vec3::new(-0.6 + 1.2 * a, -0.5 + 1.0 * b, -1.0).normalize();
             let ray = Ray { origin: Vec3::new(0.0, 0.2, 2.0), direction, time_s: 0.0 };
             let along = CameraPath { light_paths, ..CameraPath::new(ray, wavelengths, sampler) };
-            let [all, direct] = scene.radiance_and_direct_of(&[along], &path)[0];
+            let [all, direct] = scene.trace(&[along], RadianceAndDirect, &path)[0];
             assert_eq!(all, scene.radiance_along(&along, &path), "{name} {i}");
             // Photons are left out: those that gather would be found with one event, too, and have been scattered before.
             let shallow = LightPaths { photons: None, ..light_paths };
@@ -107,10 +108,10 @@ fn direct_light_is_that_of_one_scattering_event_bit_by_bit() {
         };
         let paths: Vec<CameraPath> = (0..64).map(along).collect();
         let alone: Vec<[SampledSpectrum; 2]> =
-            paths.iter().map(|along| scene.radiance_and_direct_of(&[*along], &path)[0]).collect();
-        assert_eq!(scene.radiance_and_direct_of(&paths, &path), alone, "{name}");
+            paths.iter().map(|along| scene.trace(&[*along], RadianceAndDirect, &path)[0]).collect();
+        assert_eq!(scene.trace(&paths, RadianceAndDirect, &path), alone, "{name}");
         let all: Vec<SampledSpectrum> = alone.iter().map(|[all, _]| *all).collect();
-        assert_eq!(scene.radiance_of(&paths, &path), all, "{name}");
+        assert_eq!(scene.trace(&paths, Radiance, &path), all, "{name}");
         println!("{name}: {kinds:?}");
         assert!(kinds.iter().all(|n| *n > 100), "{name}: {kinds:?}");
     }

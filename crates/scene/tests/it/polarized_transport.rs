@@ -8,6 +8,7 @@ use diopter_scene::light::{Environment, Punctual, PunctualKind};
 use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{Conductor, Material, Principled, Scattering, Transmission};
 use diopter_scene::radiance::CameraPath;
+use diopter_scene::radiance::record::StokesVectors;
 use diopter_scene::shape::{Quad, Sphere};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
@@ -23,7 +24,9 @@ fn mean(scene: &Scene, origin: Vec3, direction: Vec3, axis: Vec3, n: u32) -> Sto
     let sum: Vec4 = (0..n)
         .map(|i| {
             let sampler = Sampler::new(SamplerKind::Sobol, 5, (3, 4), i, n);
-            scene.stokes_of(&[CameraPath::new(ray, wavelengths, sampler)], &[axis], &PathSettings::default())[0][1] / white[1]
+            scene.trace(&[CameraPath::new(ray, wavelengths, sampler)], StokesVectors { axes: &[axis] }, &PathSettings::default())
+                [0][1]
+                / white[1]
         })
         .sum();
     sum / n as f32
@@ -217,7 +220,11 @@ fn one_event_changes_no_intensity() {
             let sampler = Sampler::new(SamplerKind::Sobol, 5, (3, 4), i, 64);
             let ray = Ray { origin: Vec3::new(0.6, 0.4, 5.0), direction: Vec3::NEG_Z, time_s: 0.0 };
             let plain = scene.radiance(ray, &wavelengths, &sampler, &PathSettings::default());
-            let stokes = scene.stokes_of(&[CameraPath::new(ray, wavelengths, sampler)], &[Vec3::X], &PathSettings::default())[0];
+            let stokes = scene.trace(
+                &[CameraPath::new(ray, wavelengths, sampler)],
+                StokesVectors { axes: &[Vec3::X] },
+                &PathSettings::default(),
+            )[0];
             let intensity = Vec4::from_array(stokes.map(|s| s.x));
             assert!((intensity - plain).abs().max_element() < 2e-5 * plain.max_element().max(1e-9), "{i}: {intensity} {plain}");
             // Never more than wholly polarised.
@@ -265,7 +272,8 @@ fn stokes_vectors_are_those_of_another_program() {
         let sum: Vec4 = (0..n)
             .map(|i| {
                 let sampler = Sampler::new(SamplerKind::Sobol, 5, (3, 4), i, n);
-                scene.stokes_of(&[CameraPath::new(ray, wavelengths, sampler)], &[right], &settings)[0][1] / white[1]
+                scene.trace(&[CameraPath::new(ray, wavelengths, sampler)], StokesVectors { axes: &[right] }, &settings)[0][1]
+                    / white[1]
             })
             .sum();
         let stokes = sum / n as f32;

@@ -9,6 +9,7 @@ use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{Conductor, Coverage, Interior, Material, Principled, Scattering, Transmission};
 use diopter_scene::medium::Medium;
 use diopter_scene::radiance::CameraPath;
+use diopter_scene::radiance::record::{Radiance, RadianceAndDirect};
 use diopter_scene::shape::{Mesh, Quad, Sphere};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
@@ -130,7 +131,7 @@ fn lent_light_has_the_mean_of_paths_alone() {
             let (mut sum, mut squares, mut light) = (0.0f64, 0.0f64, [0.0f64; 2]);
             for sample in 0..samples {
                 let paths = group(cell, sample, rgb);
-                let [lent, alone] = [scene.radiance_of_group(&paths, &settings), scene.radiance_of(&paths, &settings)]
+                let [lent, alone] = [scene.trace_group(&paths, Radiance, &settings), scene.trace(&paths, Radiance, &settings)]
                     .map(|group| f64::from(group.iter().sum::<SampledSpectrum>().element_sum()) / f64::from(4 * GROUP));
                 differs += u32::from(lent != alone);
                 (sum, squares) = (sum + lent - alone, squares + (lent - alone).powi(2));
@@ -170,7 +171,7 @@ fn an_even_room_stays_even() {
     for cell in 0..400u32 {
         let mut paths = group(cell % 30, cell, false);
         paths.iter_mut().for_each(|path| path.cone.ray.origin = Vec3::new(0.5, 0.5, 0.8));
-        let lent = scene.radiance_of_group(&paths, &settings);
+        let lent = scene.trace_group(&paths, Radiance, &settings);
         means.push(lent.iter().map(|light| f64::from(light.x)).sum::<f64>() / f64::from(GROUP));
     }
     let n = means.len() as f64;
@@ -194,8 +195,8 @@ fn lent_light_is_far_less_noisy() {
         }
         // At equal means, mean squares differ as variances do.
         let squares = |group: &[SampledSpectrum]| group.iter().map(|light| f64::from(light.element_sum()).powi(2)).sum::<f64>();
-        lent += squares(&scene.radiance_of_group(&paths, &settings));
-        alone += squares(&scene.radiance_of(&paths, &settings));
+        lent += squares(&scene.trace_group(&paths, Radiance, &settings));
+        alone += squares(&scene.trace(&paths, Radiance, &settings));
     }
     println!("mean squares {lent} {alone}");
     assert!(lent < 0.7 * alone, "{lent} {alone}");
@@ -211,20 +212,20 @@ fn direct_light_is_not_lent_and_groups_that_may_not_lend_are_paths_alone() {
     let mut differ = 0;
     for cell in 0..30 {
         let paths = group(cell, 7, false);
-        let both = scene.radiance_and_direct_of_group(&paths, &settings);
-        let alone = scene.radiance_and_direct_of(&paths, &settings);
+        let both = scene.trace_group(&paths, RadianceAndDirect, &settings);
+        let alone = scene.trace(&paths, RadianceAndDirect, &settings);
         for ([all, direct], [_, expected]) in both.iter().zip(&alone) {
             assert_eq!(direct, expected, "cell {cell}");
             assert!(direct.cmple(*all * (1.0 + 1e-6)).all(), "cell {cell}: {direct} {all}");
         }
         let all: Vec<SampledSpectrum> = both.iter().map(|[all, _]| *all).collect();
-        assert_eq!(scene.radiance_of_group(&paths, &settings), all, "cell {cell}");
-        differ += u32::from(all != scene.radiance_of(&paths, &settings));
+        assert_eq!(scene.trace_group(&paths, Radiance, &settings), all, "cell {cell}");
+        differ += u32::from(all != scene.trace(&paths, Radiance, &settings));
         let with_photons = paths.iter().map(|p| CameraPath { light_paths: LightPaths::of_photons(Some(&photons)), ..*p });
         let of_other_colors =
             paths.iter().enumerate().map(|(k, p)| CameraPath { wavelengths: drawn.sample(k as f32 / 16.0), ..*p });
         for paths in [with_photons.collect::<Vec<_>>(), of_other_colors.collect(), paths[..1].to_vec(), Vec::new()] {
-            assert_eq!(scene.radiance_of_group(&paths, &settings), scene.radiance_of(&paths, &settings), "cell {cell}");
+            assert_eq!(scene.trace_group(&paths, Radiance, &settings), scene.trace(&paths, Radiance, &settings), "cell {cell}");
         }
     }
     assert!(differ > 20, "{differ}");

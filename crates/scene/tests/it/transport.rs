@@ -12,6 +12,7 @@ use diopter_scene::material::{
     Transmission,
 };
 use diopter_scene::radiance::CameraPath;
+use diopter_scene::radiance::record::StokesVectors;
 use diopter_scene::shape::{Mesh, Quad, Sphere};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
@@ -881,7 +882,11 @@ fn a_white_body_in_even_light_stays_unpolarised() {
             let n = 8192;
             let light = |k: u32| {
                 let sampler = Sampler::new(SamplerKind::Sobol, 3, (0, 0), k, n);
-                scene.stokes_of(&[CameraPath::new(ray, SampledWavelengths::rgb(), sampler)], &[Vec3::X], &deep)[0][1]
+                scene.trace(
+                    &[CameraPath::new(ray, SampledWavelengths::rgb(), sampler)],
+                    StokesVectors { axes: &[Vec3::X] },
+                    &deep,
+                )[0][1]
             };
             let sum: Vec4 = (0..n).map(light).sum();
             // Light that a coat holds back over metal counts as unpolarised; of facets that are wider one way than the other what comes through is told by even ones.
