@@ -135,13 +135,13 @@ impl<S: FocalPlaneSource> Denoised<S> {
 }
 
 /// Rows behind those that are there, if any.
-fn below(above: Option<FocalPlane>, rows: FocalPlane) -> FocalPlane {
+fn below(above: Option<FocalPlane>, rows: FocalPlane) -> Result<FocalPlane, ImageError> {
     match above {
         Some(mut above) => {
-            above.append(&rows);
-            above
+            above.append(&rows)?;
+            Ok(above)
         }
-        None => rows,
+        None => Ok(rows),
     }
 }
 
@@ -174,7 +174,7 @@ impl<S: FocalPlaneSource> FocalPlaneSource for Denoised<S> {
         let read = self.first + self.rows.as_ref().map_or(0, FocalPlane::height);
         let read_to = (filter_to + REACH).min(height).max(to);
         let read = self.source.next_rows(read_to - read)?;
-        let source = below(self.rows.take(), read);
+        let source = below(self.rows.take(), read)?;
         // A picture that is computed at once knows its farthest depth.
         let farthest = if source.height() == height { farthest_log_depth_of(&source.truth.depth().data) } else { self.farthest };
         // Filter the rows that are not yet, by those around them.
@@ -185,7 +185,7 @@ impl<S: FocalPlaneSource> FocalPlaneSource for Denoised<S> {
                 let around = filtered_to.saturating_sub(REACH).max(self.first);
                 let rows = source.rows(around - self.first..read_to - self.first);
                 let strip = filter_rows(&rows, farthest, regression::WINDOW, &NEVER).unwrap_or(rows);
-                below(above, strip.rows(filtered_to - around..filter_to - around))
+                below(above, strip.rows(filtered_to - around..filter_to - around))?
             }
         };
         // Give the light back.

@@ -271,8 +271,8 @@ fn by_strips(plane: &FocalPlane) -> Result<FocalPlane, ImageError> {
     let (mut mean, mut half_difference) = (empty(), empty());
     for first in (0..height).step_by(rows) {
         let strip = strips.next_rows(rows.min(height - first))?;
-        mean.append(&strip.mean);
-        half_difference.append(&strip.half_difference);
+        mean.append(&strip.mean)?;
+        half_difference.append(&strip.half_difference)?;
     }
     let facts = strips.facts().clone();
     Ok(FocalPlane { bands: plane.bands.clone(), mean, half_difference, truth: plane.truth.clone(), facts })
@@ -452,7 +452,7 @@ mod tests {
         let mut plane = noisy(3);
         let more = plane.clone();
         while plane.height() < 64 {
-            plane.append(&more);
+            plane.append(&more).unwrap();
         }
         plane.truth.depth_mut().data[9] = 2.5;
         let go_on = AtomicBool::new(false);

@@ -202,7 +202,7 @@ impl Exposure<'_> {
     /// `keep` gets the sums again and again, tens to hundreds of milliseconds apart, to save them or look at them ([`Exposure::so_far`]) if it likes. Without it [`ProgressReporter::cancel`] gives
     /// [`ExposeError::Cancelled`]; with it the pass under way is finished, and its samples and those before are the result. While the truth is computed,
     /// before the first sample, [`ProgressReporter::cancel`] gives [`ExposeError::Cancelled`] in both cases, and so does a `keep` that breaks. Fails with [`ExposeError::Nothing`]
-    /// without a pixel or a sample, and with [`ExposeError::Foreign`] where `start` has another size, other bands or samples.
+    /// without a pixel, a band or a sample, and with [`ExposeError::Foreign`] where `start` has another size, other bands or samples.
     pub fn run(&self, watch: &ProgressReporter, start: Option<Sums>, keep: Option<SumsCallback>) -> Result<Exposed, ExposeError> {
         let mut sums = self.begin(start, |[width, height, numbers]| Ok(Raster::new(width, height, numbers)))?;
         let started = Instant::now();
@@ -452,7 +452,7 @@ impl Exposure<'_> {
         let film = &self.camera.film;
         let (width, height, bands) = (film.columns, film.rows, self.summed_bands());
         let wanted = self.wanted();
-        if width == 0 || height == 0 || wanted.is_empty() {
+        if width == 0 || height == 0 || self.response.curves.is_empty() || wanted.is_empty() {
             return Err(ExposeError::Nothing);
         }
         match start {

@@ -286,10 +286,12 @@ struct Source {
 }
 
 /// Blurs a sharp picture (`[row][column][channel]`, up to three channels of linear light) by its depth (m along the axis; infinite where
-/// there is nothing), of which there is one a pixel. Panics on other numbers of channels or depths.
-pub fn quick_look(picture: &Raster<f32>, depth: &[f32], optics: &Optics) -> Raster<f32> {
+/// there is nothing), of which there is one a pixel. `None` with other numbers of channels or depths, and without pixels.
+pub fn quick_look(picture: &Raster<f32>, depth: &[f32], optics: &Optics) -> Option<Raster<f32>> {
     let (width, height, n) = (picture.width, picture.height, picture.channels);
-    assert!((1..=3).contains(&n) && depth.len() == width * height, "{n} channels, {} depths", depth.len());
+    if !(1..=3).contains(&n) || depth.is_empty() || depth.len() != width * height {
+        return None;
+    }
     let radii: Vec<f64> = depth.par_iter().map(|z| optics.radius_px(f64::from(*z), width)).collect();
     let (low, high) = radii.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |a, r| (a.0.min(*r), a.1.max(*r)));
     let layers = (((high - low) / LAYER_PX).ceil() as usize).clamp(1, MOST_LAYERS);
@@ -395,7 +397,7 @@ pub fn quick_look(picture: &Raster<f32>, depth: &[f32], optics: &Optics) -> Rast
             }
         },
     );
-    out
+    Some(out)
 }
 
 /// The focal plane of a sharp exposure as a lens would have blurred it: bands in groups of three. Its truth stays; its noise estimate is
@@ -409,7 +411,7 @@ pub fn of_plane(plane: &FocalPlane, optics: &Optics) -> FocalPlane {
             for (to, from) in part.data.chunks_exact_mut(n).zip(raster.data.chunks_exact(raster.channels)) {
                 to.iter_mut().zip(&from[first..]).for_each(|(a, b)| *a = if signed { b.abs() } else { *b });
             }
-            let part = quick_look(&part, &plane.truth.depth().data, optics);
+            let Some(part) = quick_look(&part, &plane.truth.depth().data, optics) else { break };
             for (to, from) in out.data.chunks_exact_mut(raster.channels).zip(part.data.chunks_exact(n)) {
                 to[first..first + n].copy_from_slice(from);
             }
@@ -465,7 +467,7 @@ mod tests {
         let mut picture = Raster::<f32>::new(w, h, 3);
         picture.pixel_mut(50, 40).fill(1.0);
         for depth in [1.6f32, 1.9, 2.0, 2.1, 4.0, 1000.0] {
-            let out = quick_look(&picture, &vec![depth; w * h], &optics());
+            let out = quick_look(&picture, &vec![depth; w * h], &optics()).unwrap();
             let r = optics().radius_px(f64::from(depth), w).abs();
             let sum: f32 = out.data.iter().step_by(3).sum();
             assert!((sum - 1.0).abs() < 2e-3, "{depth}: {sum}");
@@ -486,9 +488,9 @@ mod tests {
             p
         };
         let depths = |card: f32, wall: f32| (0..w * h).map(|i| if i % w < 60 { card } else { wall }).collect::<Vec<_>>();
-        let sharp = quick_look(&picture(100.0, 1.0), &depths(2.0, 50.0), &optics());
+        let sharp = quick_look(&picture(100.0, 1.0), &depths(2.0, 50.0), &optics()).unwrap();
         assert!((sharp.pixel(57, 20)[0] - 100.0).abs() < 1e-3 && (sharp.pixel(61, 20)[0] - 1.0).abs() < 1e-3);
-        let soft = quick_look(&picture(100.0, 1.0), &depths(0.8, 2.0), &optics());
+        let soft = quick_look(&picture(100.0, 1.0), &depths(0.8, 2.0), &optics()).unwrap();
         let (edge, far) = (soft.pixel(60, 20)[0], soft.pixel(110, 20)[0]);
         assert!((edge - 50.0).abs() < 6.0 && (far - 1.0).abs() < 1e-3, "{edge} {far}");
     }
@@ -500,7 +502,7 @@ mod tests {
             let mut picture = Raster::<f32>::new(w, h, 3);
             picture.data.fill(0.1);
             picture.pixel_mut(50, 30).fill(lamp);
-            let out = quick_look(&picture, &vec![depth; w * h], &optics());
+            let out = quick_look(&picture, &vec![depth; w * h], &optics()).unwrap();
             for y in 0..h {
                 assert!((120..w).all(|x| (out.pixel(x, y)[0] - 0.1).abs() < 1e-4), "{lamp} {depth}: row {y}");
             }
@@ -513,7 +515,7 @@ mod tests {
         let mut picture = Raster::<f32>::new(w, h, 1);
         picture.data.fill(7.0);
         let depth: Vec<f32> = (0..w * h).map(|i| 1.0 + 6.0 * (i / w) as f32 / h as f32).collect();
-        let out = quick_look(&picture, &depth, &optics());
+        let out = quick_look(&picture, &depth, &optics()).unwrap();
         assert!(out.data.iter().all(|v| (v - 7.0).abs() < 1e-3), "{:?}", out.data.iter().copied().fold(7.0, f32::max));
     }
 

@@ -128,10 +128,10 @@ pub fn true_speed(nominal: f64, dial: Option<Step>) -> f64 {
     meant(speeds, nominal, dial)
 }
 
-/// The mark nearest to a value, in EV. Panics without marks; every dial has some.
+/// The mark nearest to a value, in EV; without marks the value itself.
 pub fn nearest(marks: &[Mark], value: f64) -> Mark {
     let off = |m: &Mark| (m.value / value).log2().abs();
-    *marks.iter().min_by(|a, b| off(a).total_cmp(&off(b))).expect("a dial has marks")
+    marks.iter().min_by(|a, b| off(a).total_cmp(&off(b))).copied().unwrap_or(Mark { nominal: value, value })
 }
 
 /// A time (s) as dials have it engraved: `1/125 s`, `2 s`.

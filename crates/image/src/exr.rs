@@ -27,6 +27,7 @@ const ATTRIBUTE: &str = "diopter";
 
 /// Bits of the floating-point numbers of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Precision {
     /// 16 bits.
     Half,

@@ -101,11 +101,11 @@ impl FocalPlane {
         }
     }
 
-    /// Puts the rows of a plane of the same width and bands below its own. Panics on another width, another number of bands or other truth channels.
-    pub fn append(&mut self, below: &FocalPlane) {
-        self.mean.append(&below.mean);
-        self.half_difference.append(&below.half_difference);
-        self.truth.append(&below.truth);
+    /// Adds the rows of a plane of the same width and bands below its own. Fails, and adds nothing, on another width, another number of bands or other truth channels.
+    pub fn append(&mut self, below: &FocalPlane) -> Result<(), ImageError> {
+        self.truth.append(&below.truth)?;
+        self.mean.append(&below.mean)?;
+        self.half_difference.append(&below.half_difference)
     }
 
     /// The plane strip by strip.
@@ -127,7 +127,7 @@ impl FocalPlane {
             let place = start..start + strip.mean.data.len();
             whole.mean.data[place.clone()].copy_from_slice(&strip.mean.data);
             whole.half_difference.data[place].copy_from_slice(&strip.half_difference.data);
-            whole.truth.append(&strip.truth);
+            whole.truth.append(&strip.truth)?;
         }
         Ok(whole)
     }
@@ -402,7 +402,7 @@ mod tests {
         let mut merged = Merged::new(parts.iter().map(FocalPlane::strips).collect()).unwrap();
         let mut strips = merged.next_rows(1).unwrap();
         for rows in [16, 20] {
-            strips.append(&merged.next_rows(rows).unwrap());
+            strips.append(&merged.next_rows(rows).unwrap()).unwrap();
         }
         assert!(merged.next_rows(1).is_err());
         assert_eq!(strips, whole);

@@ -7,6 +7,7 @@ use std::io::Write;
 
 /// Bits a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Depth {
     /// 8 bits.
     Eight,

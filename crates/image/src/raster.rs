@@ -1,5 +1,7 @@
 //! A rectangle of pixels with equal numbers of channels.
 
+use crate::ImageError;
+
 /// Values `[row][column][channel]`, row 0 on top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Raster<T> {
@@ -59,11 +61,15 @@ impl<T: Copy + Default> Raster<T> {
         Raster { width, height, channels: self.channels, data }
     }
 
-    /// Adds the rows of a raster below its own. Panics on another width or number of channels.
-    pub fn append(&mut self, below: &Self) {
-        assert_eq!((self.width, self.channels), (below.width, below.channels), "rows of another raster");
+    /// Adds the rows of a raster below its own. Fails, and adds nothing, on another width or number of channels.
+    pub fn append(&mut self, below: &Self) -> Result<(), ImageError> {
+        if (self.width, self.channels) != (below.width, below.channels) {
+            let rows = |r: &Self| format!("rows of {} pixels with {} channels", r.width, r.channels);
+            return Err(ImageError::Mismatch(format!("{} below {}", rows(below), rows(self))));
+        }
         self.data.extend_from_slice(&below.data);
         self.height += below.height;
+        Ok(())
     }
 }
 

@@ -2,8 +2,8 @@
 
 pub use crate::cryptomatte::Manifest;
 
-use crate::Raster;
 use crate::channels::{ALWAYS, CHANNELS, Channel, Merge, PixelType};
+use crate::{ImageError, Raster};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -105,11 +105,11 @@ impl Values {
         }
     }
 
-    fn append(&mut self, below: &Values) {
+    fn append(&mut self, below: &Values) -> Result<(), ImageError> {
         match (self, below) {
             (Values::Float(raster), Values::Float(below)) => raster.append(below),
             (Values::Whole(raster), Values::Whole(below)) => raster.append(below),
-            _ => panic!("rows of another channel"),
+            _ => Err(ImageError::Mismatch("rows of other truth channels".into())),
         }
     }
 }
@@ -247,10 +247,12 @@ impl Truth {
         Truth { recorded: self.recorded.clone(), values: self.values.iter().map(|v| v.thinned(factor)).collect() }
     }
 
-    /// Adds the rows of a truth below its own. Panics on other channels or another width.
-    pub fn append(&mut self, below: &Truth) {
-        assert_eq!(self.recorded.channels, below.recorded.channels, "rows of other channels");
-        self.values.iter_mut().zip(&below.values).for_each(|(v, below)| v.append(below));
+    /// Adds the rows of a truth below its own. Fails, and adds nothing, on other channels or another width.
+    pub fn append(&mut self, below: &Truth) -> Result<(), ImageError> {
+        if self.recorded.channels != below.recorded.channels {
+            return Err(ImageError::Mismatch("rows of other truth channels".into()));
+        }
+        self.values.iter_mut().zip(&below.values).try_for_each(|(v, below)| v.append(below))
     }
 
     /// Only the channels of `recorded`, all of which must be there.
@@ -416,7 +418,7 @@ mod tests {
         let mut truth = Truth::missing(Recorded::new(&[&MEAN]), 2, 5);
         truth.id_mut().data.iter_mut().enumerate().for_each(|(i, v)| *v = i as u32);
         let mut again = truth.rows(0..2);
-        again.append(&truth.rows(2..5));
+        again.append(&truth.rows(2..5)).unwrap();
         assert_eq!(again, truth);
         assert_eq!(truth.recorded().more_bytes(), 4);
         assert_eq!(truth.recorded().bytes(), 4 * 9);

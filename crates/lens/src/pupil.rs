@@ -40,6 +40,7 @@ const MARGIN: f64 = 1.002;
 
 /// At how many places of the film the shapes of the pupil are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum PupilDetail {
     /// As many as it takes that few rays are drawn in vain.
     #[default]

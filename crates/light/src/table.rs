@@ -20,17 +20,16 @@ impl PartialEq for Table {
 }
 
 impl Table {
-    /// `values[i]` holds at `first_nm + i * step_nm`. Panics when there are no values or the step is not positive.
+    /// A table with `values[i]` at `first_nm + i * step_nm`. Without values it is 0 everywhere; where the step is not above 0, the first value holds everywhere.
     pub fn new(first_nm: f32, step_nm: f32, values: Vec<f32>) -> Self {
-        assert!(!values.is_empty() && step_nm > 0.0, "{} values in steps of {step_nm} nm", values.len());
-        Table { first_nm, per_nm: 1.0 / step_nm, values: values.into(), srgb_of_light: Arc::default() }
+        Table::from_parts(first_nm, if step_nm > 0.0 { 1.0 / step_nm } else { 0.0 }, values)
     }
 
-    /// The same by values a nanometre, as [`Table::first_nm`], [`Table::per_nm`] and [`Table::values`] tell them of another: equal to it bit by bit. Panics as
-    /// [`Table::new`] does.
+    /// A table by its values per nanometre, as [`Table::first_nm`], [`Table::per_nm`] and [`Table::values`] give them of another: equal to it bit by bit.
+    /// What is missing or not above 0 is taken as by [`Table::new`].
     pub fn from_parts(first_nm: f32, per_nm: f32, values: Vec<f32>) -> Self {
-        assert!(!values.is_empty() && per_nm > 0.0, "{} values, {per_nm} a nanometre", values.len());
-        Table { first_nm, per_nm, values: values.into(), srgb_of_light: Arc::default() }
+        let values = if values.is_empty() { vec![0.0] } else { values };
+        Table { first_nm, per_nm: per_nm.max(0.0), values: values.into(), srgb_of_light: Arc::default() }
     }
 
     /// Wavelength of the first value, nm.
@@ -48,11 +47,11 @@ impl Table {
         &self.values
     }
 
-    /// A table at 5 nm, 380–780 nm, through unevenly spaced `(nm, value)` points in rising order, linear between them and constant beyond. Panics without points.
+    /// A table at 5 nm, 380–780 nm, through unevenly spaced `(nm, value)` points in rising order, linear between them and constant beyond; 0 without points.
     pub fn from_points(points: &[(f32, f32)]) -> Self {
         let at = |nm: f32| match points.iter().position(|p| p.0 >= nm) {
             Some(0) => points[0].1,
-            None => points[points.len() - 1].1,
+            None => points.last().map_or(0.0, |p| p.1),
             Some(i) => {
                 let ((x0, y0), (x1, y1)) = (points[i - 1], points[i]);
                 y0 + (y1 - y0) * (nm - x0) / (x1 - x0)

@@ -60,6 +60,7 @@ impl std::error::Error for Error {}
 
 /// How pixels are filtered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Quality {
     /// For previews.
     Fast,

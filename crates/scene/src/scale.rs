@@ -18,11 +18,17 @@ use glam::{Affine3A, Vec3};
 use std::collections::HashMap;
 use std::sync::Arc;
 
+/// A factor that no lengths can be multiplied by.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("scale {0}: expected a number above 0")]
+pub struct InvalidScale(pub f32);
+
 impl Description {
-    /// Multiplies all lengths by a factor above 0: 0.001 turns millimetres into metres. Panics on another factor: what users
-    /// write is checked before.
-    pub fn scale(&mut self, factor: f32) {
-        assert!(factor > 0.0 && factor.is_finite(), "a factor above 0, not {factor}");
+    /// Multiplies all lengths by a factor above 0: 0.001 turns millimetres into metres. Fails on another factor, and leaves everything as it is.
+    pub fn scale(&mut self, factor: f32) -> Result<(), InvalidScale> {
+        if !(factor > 0.0 && factor.is_finite()) {
+            return Err(InvalidScale(factor));
+        }
         let whole = Affine3A::from_scale(Vec3::splat(factor));
         // What hangs on nodes, key frames and skins included, follows from a node above all.
         if !self.nodes.is_empty() {
@@ -70,6 +76,7 @@ impl Description {
                 (bounds.min, bounds.max) = (bounds.min * factor, bounds.max * factor);
             }
         }
+        Ok(())
     }
 }
 
@@ -223,7 +230,7 @@ mod tests {
     fn what_is_seen_of_a_scaled_scene_is_what_is_seen_of_the_whole() {
         let factor = 0.01;
         let (whole, mut small) = (world(), world());
-        small.scale(factor);
+        small.scale(factor).unwrap();
         let (a, b) = (whole.bounds_at(0.0, |_| true), small.bounds_at(0.0, |_| true));
         assert!((a.min * factor).abs_diff_eq(b.min, 1e-5) && (a.max * factor).abs_diff_eq(b.max, 1e-5), "{a:?} {b:?}");
         // Floor, ball and triangle: the same object, pattern and, in the new unit, distance.
@@ -250,7 +257,10 @@ mod tests {
             let interior = Interior::Body { medium: Some(shared.clone()), priority: None };
             d.materials.push(Material { interior, ..Material::glass("glass", 1.5, None) });
         }
-        d.scale(0.1);
+        for bad in [0.0, -1.0, f32::NAN, f32::INFINITY] {
+            assert!(d.scale(bad).is_err());
+        }
+        d.scale(0.1).unwrap();
         // 3 at 3.0 away lights as 0.03 at 0.3 away.
         assert!(matches!(d.punctual[0].power, Spectrum::Constant(v) if (v - 0.03).abs() < 1e-6));
         assert!(matches!(d.punctual[0].kind, PunctualKind::Point { position } if (position.y - 0.3).abs() < 1e-6));

@@ -134,20 +134,24 @@ impl Scene {
         self.description.playing.frozen_at_s.unwrap_or(self.posed.open_s + f64::from(time_s))
     }
 
-    /// Places a free node ([`crate::motion::Node::free`]) in the world, m. What hangs on it follows at the next [`Scene::pose`]. Panics on a number that is no free
-    /// node's.
-    pub fn place_node(&mut self, node: u32, world_from_node: Affine3A) {
-        let node = &mut Arc::make_mut(&mut self.description).nodes[node as usize];
-        assert!(node.free && node.parent.is_none(), "node \"{}\" is not free", node.name);
-        node.rest = Local::Matrix(world_from_node);
+    /// Places a free node ([`crate::motion::Node::free`]) in the world, m. What hangs on it follows at the next [`Scene::pose`]. Gives whether the number is a free node's;
+    /// nothing changes otherwise.
+    pub fn place_node(&mut self, node: u32, world_from_node: Affine3A) -> bool {
+        let is_free = self.description.nodes.get(node as usize).is_some_and(|node| node.free && node.parent.is_none());
+        if is_free {
+            Arc::make_mut(&mut self.description).nodes[node as usize].rest = Local::Matrix(world_from_node);
+        }
+        is_free
     }
 
-    /// Changes how the lamps of a material shine with time. Panics on a number that is no material's.
-    pub fn modulate(&mut self, material: u32, modulation: Modulation) {
-        if let Some(emission) = &mut Arc::make_mut(&mut self.description).materials[material as usize].emission {
+    /// Changes how the lamps of a material shine with time. Gives whether the number is that of a material that shines; nothing changes otherwise.
+    pub fn modulate(&mut self, material: u32, modulation: Modulation) -> bool {
+        let shines = self.description.materials.get(material as usize).is_some_and(|material| material.emission.is_some());
+        if shines && let Some(emission) = &mut Arc::make_mut(&mut self.description).materials[material as usize].emission {
             emission.modulation = modulation;
+            self.note_modulations();
         }
-        self.note_modulations();
+        shines
     }
 
     fn note_modulations(&mut self) {

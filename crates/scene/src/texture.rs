@@ -23,6 +23,7 @@ use std::sync::{Arc, OnceLock};
 
 /// What happens beyond the edge of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Wrap {
     /// The image repeats.
     Repeat,
@@ -54,6 +55,7 @@ impl Wrap {
 
 /// How values between pixels are found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Interpolation {
     /// The pixel that holds the point.
     Nearest,

@@ -70,11 +70,10 @@ pub fn run(args: &QuickLook, json: bool) -> anyhow::Result<()> {
         None => {
             let picture = exr::read_rgb(open(&args.picture)?).with_context(|| name.clone())?;
             let depth = exr::read_plane(open(&args.picture)?, "Z").with_context(|| name.clone())?;
-            if depth.len() != picture.width * picture.height {
-                return Err(wrong(format!("{name}: {} depths for {} × {} pixels", depth.len(), picture.width, picture.height)));
-            }
             begun = Instant::now();
-            let pixels = quick_look(&picture, &depth, &optics(picture.width, picture.height));
+            let Some(pixels) = quick_look(&picture, &depth, &optics(picture.width, picture.height)) else {
+                return Err(wrong(format!("{name}: {} depths for {} × {} pixels", depth.len(), picture.width, picture.height)));
+            };
             seconds = begun.elapsed().as_secs_f64();
             let picture = Picture { pixels, space: RgbSpace::Srgb, encoding: Encoding::Linear, facts: None };
             output.commit(|to| Ok(exr::write_picture(&picture, exr::Precision::Float, to)?))?

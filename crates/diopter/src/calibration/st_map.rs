@@ -121,6 +121,7 @@ pub fn write(
 
 /// Which way a map goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum MapDirection {
     /// From the straight picture to the camera's.
     Distort,

@@ -221,11 +221,17 @@ pub(crate) struct Making<'a> {
 
 impl Making<'_> {
     /// The bytes of a file of the item. Fails on a channel that the exposure does not record, where development fails, and (told by `failed`) on a picture that the
-    /// format cannot hold. Panics without a raw image where the file is made of one.
+    /// format cannot hold, and without a raw image where the file is made of one.
     pub fn bytes(&self, file: File, failed: &impl Fn(ImageError) -> ShotError) -> Result<Vec<u8>, ShotError> {
         let plane = self.plane;
         let floats = |r: &diopter_image::Raster<f32>| npy::array(&r.data, [r.width, r.height, r.channels]);
-        let raw = || self.raw.expect("read out where a file is made of it");
+        let raw = || {
+            self.raw.ok_or_else(|| ShotError::Entry {
+                place: "[write] files".into(),
+                found: "an exposure that is not read out".into(),
+                expected: "a raw image for this file".into(),
+            })
+        };
         type Write<'a> = dyn Fn(&mut Cursor<Vec<u8>>) -> Result<(), ImageError> + 'a;
         let written = |write: &Write| {
             let mut to = Cursor::new(Vec::new());
@@ -236,11 +242,14 @@ impl Making<'_> {
             }
             Ok(bytes)
         };
-        let picture = || -> Result<Picture, ShotError> { self.shot.develop(raw()) };
+        let picture = || -> Result<Picture, ShotError> { self.shot.develop(raw()?) };
         match file {
-            File::Dng => written(&|to| raw_file::write_image(raw(), Storage::Lossless, &Recipe::default(), to)),
+            File::Dng => {
+                let raw = raw()?;
+                written(&|to| raw_file::write_image(raw, Storage::Lossless, &Recipe::default(), to))
+            }
             File::Raw => {
-                let r = &raw().mosaic;
+                let r = &raw()?.mosaic;
                 Ok(npy::array(&r.data, [r.width, r.height, r.channels]))
             }
             File::Expected => {
@@ -252,7 +261,7 @@ impl Making<'_> {
             File::Png => picture().and_then(|p| written(&|to| png::write(&p, png::Depth::Eight, to))),
             File::Tiff => picture().and_then(|p| written(&|to| tiff_file::write(&p, to))),
             File::Exr => {
-                let light = develop(raw(), &self.shot.recipe.linear_light(), None)?;
+                let light = develop(raw()?, &self.shot.recipe.linear_light(), None)?;
                 written(&|to| exr::write_picture(&light, exr::Precision::Half, to))
             }
             File::Mean => Ok(floats(&plane.mean)),
@@ -260,8 +269,8 @@ impl Making<'_> {
             File::HalfDifference => Ok(floats(&plane.half_difference)),
             File::Plane => written(&|to| exr::write_focal_plane(plane, to)),
             File::Truth => {
-                let reader = self.reader()?;
-                written(&|to| truth::write(plane, &reader, raw(), exr::TruthLayout::SinglePart, plane.truth.recorded(), to))
+                let (reader, raw) = (self.reader()?, raw()?);
+                written(&|to| truth::write(plane, &reader, raw, exr::TruthLayout::SinglePart, plane.truth.recorded(), to))
             }
             File::Channel(channel) => match plane.truth.values(channel.name) {
                 Some(Values::Float(raster)) => Ok(floats(raster)),

@@ -7,7 +7,7 @@ pub enum ExposeError {
     /// [`ProgressReporter::cancel`](super::ProgressReporter::cancel) was set.
     #[error("the exposure was stopped")]
     Cancelled,
-    /// No pixel or no sample.
+    /// No pixel, no band or no sample.
     #[error("an exposure needs at least one pixel and one sample")]
     Nothing,
     /// The sums to go on from are of another size, of other bands or samples.

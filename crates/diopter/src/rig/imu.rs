@@ -207,7 +207,7 @@ mod tests {
     #[test]
     fn at_rest_it_reads_gravity_upwards() {
         let turn = DQuat::from_rotation_z(0.5);
-        let still = RigPath::new(&[(0.0, DAffine3::from_quat(turn))], Ends::Rest);
+        let still = RigPath::new(&[(0.0, DAffine3::from_quat(turn))], Ends::Rest).unwrap();
         let unit = Imu { rig_from_imu: DAffine3::IDENTITY, ..imu(100.0) };
         let s = unit.samples(&Arc::new(still), 0.0, 0.05);
         assert_eq!(s.len(), 6);
@@ -230,7 +230,7 @@ mod tests {
 
     #[test]
     fn the_allan_deviation_is_that_of_the_parameters() {
-        let still = Arc::new(RigPath::new(&[(0.0, DAffine3::IDENTITY)], Ends::Rest));
+        let still = Arc::new(RigPath::new(&[(0.0, DAffine3::IDENTITY)], Ends::Rest).unwrap());
         let (density, walk) = (1e-3, 2e-3);
         let with = |density: f64, random_walk: f64| {
             let noise = AxisNoise { density, random_walk, turn_on: 0.0 };

@@ -191,9 +191,16 @@ impl Rig {
         Ok(shots)
     }
 
-    /// Makes the shot of a camera ready for a frame. Fails as [`Shot::advance_to`]; panics on a camera or frame that the rig does not have.
+    /// Makes the shot of a camera ready for a frame. Fails as [`Shot::advance_to`], and on a camera or frame that the rig does not have.
     pub fn turn(&self, shot: &mut Shot, camera: usize, frame: usize, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
-        shot.advance_to(self.times_s[frame] + self.cameras[camera].trigger_s, frame as u64, warn)
+        let missing = |what: &str, number: usize, count: usize| ShotError::Entry {
+            place: "[rig]".into(),
+            found: format!("{what} {number}, counted from 0"),
+            expected: format!("a number below {count}"),
+        };
+        let time_s = self.times_s.get(frame).ok_or_else(|| missing("frame", frame, self.times_s.len()))?;
+        let mounted = self.cameras.get(camera).ok_or_else(|| missing("camera", camera, self.cameras.len()))?;
+        shot.advance_to(time_s + mounted.trigger_s, frame as u64, warn)
     }
 
     /// What is known of the cameras, for other programs. `shots`: as [`Rig::shots`] gives them. Fails where no model can be fitted to a lens.
@@ -357,7 +364,8 @@ impl Checks<'_> {
                     "where the rig stands: look_from and look_at, or [[rig.path]]",
                 )
             })?;
-            return Ok(RigPath::new(&[(0.0, aim("[rig]", from, None, None)?)], ends));
+            let keys = [(0.0, aim("[rig]", from, None, None)?)];
+            return Ok(RigPath::new(&keys, ends).expect("one key"));
         }
         if s.look_from.is_some() {
             return Err(self.entry("[rig]", "look_from and path".into(), "one of them"));
@@ -374,7 +382,7 @@ impl Checks<'_> {
             let found = format!("time {} after {}", Seconds(keys[k + 1].0), Seconds(keys[k].0));
             return Err(self.entry(&format!("[[rig.path]] {}", k + 2), found, "times that rise"));
         }
-        Ok(RigPath::new(&keys, ends))
+        Ok(RigPath::new(&keys, ends).expect("times that rise"))
     }
 
     fn shaken(&self, s: &PathSection, path: RigPath) -> Result<RigPath, ShotError> {

@@ -115,10 +115,12 @@ pub struct RigPath {
 }
 
 impl RigPath {
-    /// Through places (world from rig) at times, s, that rise; one place alone: it stands there. Turns between neighbours are the shorter way round, less than 180°. Panics
-    /// without keys, and where times do not rise: files are checked for both when they are read.
-    pub fn new(keys: &[(f64, DAffine3)], ends: Ends) -> RigPath {
-        assert!(!keys.is_empty() && keys.windows(2).all(|w| w[0].0 < w[1].0), "keys of a path rise in time");
+    /// Through places (world from rig) at times, s, that rise; one place alone: it stands there. Turns between neighbours are the shorter way round, less than 180°. `None`
+    /// without keys, and where times do not rise.
+    pub fn new(keys: &[(f64, DAffine3)], ends: Ends) -> Option<RigPath> {
+        if keys.is_empty() || !keys.windows(2).all(|w| w[0].0 < w[1].0) {
+            return None;
+        }
         let times: Vec<f64> = keys.iter().map(|k| k.0).collect();
         let places: Vec<DVec4> = keys.iter().map(|k| k.1.translation.extend(0.0)).collect();
         let mut turns: Vec<DVec4> = Vec::new();
@@ -128,7 +130,7 @@ impl RigPath {
             let q = if turns.last().is_some_and(|l| l.dot(q) < 0.0) { -q } else { q };
             turns.push(q);
         }
-        RigPath { place: Spline::new(&times, &places, ends), turn: Spline::new(&times, &turns, ends), ends, shake: None }
+        Some(RigPath { place: Spline::new(&times, &places, ends), turn: Spline::new(&times, &turns, ends), ends, shake: None })
     }
 
     /// The same in unsteady hands, which turn it about its own place at all times.
@@ -236,6 +238,7 @@ pub(super) mod tests {
             ],
             Ends::Rest,
         )
+        .unwrap()
     }
 
     #[test]
@@ -279,7 +282,8 @@ pub(super) mod tests {
         );
         // Free ends of two keys: a straight line at an even speed.
         let key = |t, x| (t, DAffine3::from_translation(DVec3::X * x));
-        let line = RigPath::new(&[key(0.0, 0.0), key(2.0, 3.0)], Ends::Free);
+        let line = RigPath::new(&[key(0.0, 0.0), key(2.0, 3.0)], Ends::Free).unwrap();
+        assert!(RigPath::new(&[], Ends::Free).is_none() && RigPath::new(&[key(1.0, 0.0), key(1.0, 3.0)], Ends::Free).is_none());
         assert!((line.at(0.5).velocity - DVec3::X * 1.5).length() < 1e-12 && line.at(0.5).acceleration.length() < 1e-12);
         assert!(!line.is_endless() && path.is_endless());
     }

@@ -55,9 +55,8 @@ impl Inputs {
             None => sources::read_scaled(name, scale, strict, warn),
             Some(shared) => {
                 let mut description = Arc::unwrap_or_clone(shared);
-                sources::check_scale(scale)?;
                 match scale {
-                    Some(factor) => description.scale(factor as f32),
+                    Some(factor) => sources::rescale(&mut description, factor)?,
                     None => sources::odd_size(name, &description).iter().for_each(|hint| warn(hint)),
                 }
                 Ok(description)

@@ -88,11 +88,21 @@ const PLAUSIBLE_M: RangeInclusive<f32> = 1e-3..=100.0;
 const SCALE: RangeInclusive<f64> = 1e-9..=1e9;
 
 /// Fails unless a unit of length is plausible.
-pub(super) fn check_scale(scale: Option<f64>) -> Result<(), ShotError> {
+fn check_scale(scale: Option<f64>) -> Result<(), ShotError> {
     match scale.filter(|factor| !SCALE.contains(factor)) {
-        Some(factor) => Err(value("scale", factor, "metres in a unit of the file, from 1e-9 to 1e9: 0.001 for millimetres")),
+        Some(factor) => Err(implausible_scale(factor)),
         None => Ok(()),
     }
+}
+
+fn implausible_scale(factor: f64) -> ShotError {
+    value("scale", factor, "metres in a unit of the file, from 1e-9 to 1e9: 0.001 for millimetres")
+}
+
+/// Multiplies all lengths of a scene by its unit of length, m. Fails unless that is plausible.
+pub(super) fn rescale(description: &mut Description, factor: f64) -> Result<(), ShotError> {
+    check_scale(Some(factor))?;
+    description.scale(factor as f32).map_err(|_| implausible_scale(factor))
 }
 
 /// Reads a scene whose unit of length is `scale` metres; a metre without it, and `warn` is told when that makes a model implausibly large
@@ -109,7 +119,7 @@ pub(super) fn read_scaled(
     }
     let mut description = read_scene(name, strict)?;
     match scale {
-        Some(factor) => description.scale(factor as f32),
+        Some(factor) => rescale(&mut description, factor)?,
         None => odd_size(name, &description).iter().for_each(|hint| warn(hint)),
     }
     Ok(description)

@@ -196,9 +196,12 @@ impl Toleranced {
     }
 
     /// The lens with given amounts of its perturbations, the film where the design has it. Fails where an index leaves what a glass
-    /// can have. Panics on another number of amounts than [`Toleranced::amounts`] gives.
+    /// can have, and with another number of amounts than [`Toleranced::amounts`] gives.
     pub fn perturbed(&self, amounts: &[f64]) -> Result<Prescription, LensError> {
-        assert!(amounts.len() == self.parameters.len(), "{} amounts for {}", amounts.len(), self.parameters.len());
+        let (found, expected) = (amounts.len(), self.parameters.len());
+        if found != expected {
+            return Err(PrescriptionError::at(&self.design.name, 0, format!("{found} amounts; expected {expected}")).into());
+        }
         perturbed(&self.design, &self.parameters, amounts).map_err(|e| {
             PrescriptionError::at(&self.design.name, 0, format!("{e}; expected a smaller tolerance of index or Abbe number"))
                 .into()

@@ -81,6 +81,7 @@ impl Bounds {
 }
 
 /// What goes into a hierarchy.
+#[non_exhaustive]
 pub enum Primitive {
     /// A triangle by its corners and the number it is reported by; `filtered` asks [`Filter::accept`] about each hit.
     Triangle {

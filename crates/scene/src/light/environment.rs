@@ -69,9 +69,12 @@ impl RayleighSky {
 }
 
 impl Environment {
-    /// From a lat-long map of linear sRGB in cd/m² (three channels, upper row first), times `scale`. Numbers that are negative or not finite count as 0. Panics without
-    /// pixels.
+    /// From a lat-long map of linear sRGB in cd/m² (three channels, upper row first), times `scale`. Numbers that are negative or not finite count as 0; a map without
+    /// pixels is dark.
     pub fn new(mut map: Raster<f32>, world_from_map: Mat3, scale: f32) -> Self {
+        if map.data.is_empty() {
+            map = Raster::new(1, 1, 3);
+        }
         let valid = |v: &f32| *v >= 0.0 && v.is_finite();
         let invalid = map.data.chunks_exact(3).filter(|p| !p.iter().all(valid)).count();
         map.data.iter_mut().filter(|v| !valid(v)).for_each(|v| *v = 0.0);

@@ -53,6 +53,7 @@ fn clearance(p: Vec3, end: Vec3, distance: f32, cos: f32) -> f32 {
 
 /// A place on a light.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub enum LightPoint {
     /// Area light number, and barycentric weights of its second and third corner (or (α, β) of a quad).
     Area(u32, glam::Vec2),
@@ -64,6 +65,7 @@ pub enum LightPoint {
 
 /// A finite or infinite light by kind and number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum LightRef {
     /// Of the area lights.
     Area(u32),

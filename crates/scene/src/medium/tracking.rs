@@ -315,7 +315,7 @@ mod tests {
         let bounds = Bounds { min: Vec3::splat(-2.0), max: Vec3::splat(2.0) };
         let x = |i: usize| -2.0 + 4.0 * (i as f32 + 0.5) / n as f32;
         let values = (0..n * 256).map(|i| density(x(i % n))).collect();
-        let grid = Grid::new([n, 16, 16], values, &bounds);
+        let grid = Grid::new([n, 16, 16], values, &bounds).unwrap();
         let place = VolumePlace::still(Affine3A::IDENTITY).unwrap();
         Volume::new(place, bounds, Field::Density(Scalars::Grid(grid)), glow)
     }
@@ -478,7 +478,7 @@ mod tests {
     fn colors_attenuate_each_by_their_own() {
         let bounds = Bounds { min: Vec3::splat(-2.0), max: Vec3::splat(2.0) };
         let tint = Tint::from_rgb(Vec3::new(0.9, 0.3, 0.1));
-        let grid = || Grid::new([8, 8, 8], vec![tint; 512], &bounds);
+        let grid = || Grid::new([8, 8, 8], vec![tint; 512], &bounds).unwrap();
         let place = VolumePlace::still(Affine3A::IDENTITY).unwrap();
         let field = Field::Colors { absorption: Some(grid()), scattering: Some(grid()) };
         let m = medium(Coefficient::grey(1.5), Coefficient::grey(0.5), Volume::new(place, bounds, field, None));

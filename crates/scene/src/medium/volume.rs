@@ -199,11 +199,13 @@ impl InstanceMotion {
 }
 
 impl<T> Grid<T> {
-    /// A grid over a box: `[z][y][x]`, x fastest, as many along x, y and z as `size` says. Panics if the values are not as many as that.
-    pub fn new(size: [usize; 3], values: Vec<T>, bounds: &Bounds) -> Self {
-        assert_eq!(size[0] * size[1] * size[2], values.len(), "{size:?} values");
+    /// A grid over a box: `[z][y][x]`, x fastest, as many along x, y and z as `size` says; `None` where the values are not as many as that.
+    pub fn new(size: [usize; 3], values: Vec<T>, bounds: &Bounds) -> Option<Self> {
+        if size.iter().try_fold(1usize, |n, side| n.checked_mul(*side)) != Some(values.len()) {
+            return None;
+        }
         let count = Vec3::new(size[0] as f32, size[1] as f32, size[2] as f32);
-        Grid { size, values, min: bounds.min, cells_per_m: count / bounds.size() }
+        Some(Grid { size, values, min: bounds.min, cells_per_m: count / bounds.size() })
     }
 
     fn value(&self, at: IVec3) -> Option<&T> {

@@ -90,7 +90,7 @@ fn unsayable() -> Description {
     let unit = Bounds { min: Vec3::ZERO, max: Vec3::ONE };
     let place =
         |shift: f32| VolumePlace::still(Affine3A::from_rotation_x(0.3) * Affine3A::from_translation(Vec3::X * shift)).unwrap();
-    let smoke = Grid::new([2, 3, 2], (0..12).map(|i| 0.1 * i as f32).collect(), &unit);
+    let smoke = Grid::new([2, 3, 2], (0..12).map(|i| 0.1 * i as f32).collect(), &unit).unwrap();
     let mut sparse = SparseGrid::new(Affine3A::from_scale(Vec3::splat(16.0)), IVec3::ZERO, IVec3::splat(20), 0.0).unwrap();
     sparse.set_block(IVec3::new(8, 0, 8), &std::array::from_fn(|i| 900.0 + i as f32));
     let fire = Glow::BlackBody { temperature: Scalars::Sparse(sparse), offset: 10.0, factor: 1.5, peak_radiance: 0.02 };

@@ -49,6 +49,7 @@ struct Ellipsoid {
 
 /// How colours of a set are meant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum ColorCurve {
     /// Display values by the curve of sRGB.
     #[default]
@@ -148,9 +149,9 @@ impl Exact for Splats {
 }
 
 impl Splats {
-    /// A set without Gaussians, whose colours have harmonics up to a degree. Panics above [`MOST_DEGREE`].
+    /// A set without Gaussians, whose colours have harmonics up to a degree, [`MOST_DEGREE`] at most.
     pub fn new(degree: u32) -> Self {
-        assert!(degree <= MOST_DEGREE, "harmonics of degree {degree}");
+        let degree = degree.min(MOST_DEGREE);
         Splats { degree, curve: ColorCurve::Srgb, ellipsoids: Vec::new(), harmonics: Vec::new(), core: OnceLock::new() }
     }
 
@@ -165,9 +166,11 @@ impl Splats {
     }
 
     /// Adds a Gaussian with its [`Splats::coefficients`] (red, green, blue), unless no ray could meet it: numbers that are not finite, no extent, or
-    /// never above [`LEAST_ALPHA`]. Whether it was added. Panics on another number of coefficients.
+    /// never above [`LEAST_ALPHA`]; nor with another number of coefficients. Gives whether it was added.
     pub fn push(&mut self, splat: &Splat, harmonics: &[Vec3]) -> bool {
-        assert_eq!(harmonics.len(), self.coefficients(), "coefficients of harmonics");
+        if harmonics.len() != self.coefficients() {
+            return false;
+        }
         let Splat { center, rotation, scale, opacity } = *splat;
         let largest = scale.max_element();
         let turns = rotation.length_squared().is_normal() && rotation.is_finite();
@@ -191,12 +194,15 @@ impl Splats {
         true
     }
 
-    /// Adds all of another set. Panics on another degree of harmonics.
-    pub fn append(&mut self, other: Splats) {
-        assert_eq!(self.degree, other.degree, "degrees of harmonics");
+    /// Adds all of another set, unless its harmonics are of another degree. Gives whether they were added.
+    pub fn append(&mut self, other: Splats) -> bool {
+        if self.degree != other.degree {
+            return false;
+        }
         self.ellipsoids.extend(other.ellipsoids);
         self.harmonics.extend(other.harmonics);
         self.core = OnceLock::new();
+        true
     }
 
     /// Orders them along a curve through space (Morton 1966), so that what rays meet together lies together in memory: files have them in any order.

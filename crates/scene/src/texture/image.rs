@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 /// How the 8-bit codes of an image relate to numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Codes {
     /// Colour: the sRGB transfer function (alpha is linear).
     Srgb,
@@ -32,6 +33,7 @@ pub struct Image {
 
 /// Pixels as they are stored.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Texels {
     /// 8 bits a channel.
     Codes(Vec<[u8; 4]>),
@@ -45,6 +47,7 @@ pub enum Texels {
 
 /// A pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Texel {
     /// 8 bits a channel.
     Codes([u8; 4]),

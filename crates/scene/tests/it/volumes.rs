@@ -30,7 +30,7 @@ fn numbers(n: usize, value: impl Fn(Vec3) -> f32) -> (Bounds, Grid<f32>) {
     let bounds = Bounds { min: Vec3::splat(-2.0), max: Vec3::splat(2.0) };
     let at = |i: usize| -2.0 + 4.0 * (i as f32 + 0.5) / n as f32;
     let values = (0..n * n * n).map(|i| value(Vec3::new(at(i % n), at(i / n % n), at(i / n / n)))).collect();
-    (bounds, Grid::new([n; 3], values, &bounds))
+    (bounds, Grid::new([n; 3], values, &bounds).unwrap())
 }
 
 fn volume(n: usize, density: impl Fn(Vec3) -> f32, glow: Option<Glow>) -> Volume {
@@ -217,7 +217,7 @@ fn scenes_in_another_unit_have_volumes_of_the_same_depth() {
     let medium = || Medium { absorption: Coefficient::grey(0.6), ..with(Medium::default(), volume(16, density, None)) };
     let d = || Description { environment: Some(Environment::uniform(Vec3::ONE)), ..ball(medium()) };
     let mut small = d();
-    small.scale(0.01);
+    small.scale(0.01).unwrap();
     let (from, towards) = (Vec3::new(0.1, 0.2, 3.0), Vec3::new(0.1, 0.0, -1.0));
     let whole = mean(&Scene::build(d()).unwrap(), from, towards, 20_000, &DEEP);
     let found = mean(&Scene::build(small).unwrap(), from * 0.01, towards, 20_000, &DEEP);

@@ -132,12 +132,13 @@ fn heterogeneous(context: &mut Context, node: &Arc<Node>, bare: Medium, scale: f
     };
     if let (Some(true), Source::Even(albedo)) = (sigma_t.grid().map(|g| g.is_grey), &albedo) {
         let density = nodes().map(|p| sigma_t.at(p).x).collect();
-        let field = Field::Density(Scalars::Grid(Grid::new(size, density, &bounds)));
+        let grid = Grid::new(size, density, &bounds).expect("a value for each node");
+        let field = Field::Density(Scalars::Grid(grid));
         return Ok(filled(field, coefficient(Vec3::ONE - *albedo, scale), coefficient(*albedo, scale)));
     }
     let tints = |of: &dyn Fn(Vec3, Vec3) -> Vec3| {
         let values = nodes().map(|p| Tint::from_rgb(of(sigma_t.at(p), albedo.at(p).clamp(Vec3::ZERO, Vec3::ONE)))).collect();
-        Some(Grid::new(size, values, &bounds))
+        Grid::new(size, values, &bounds)
     };
     let field = Field::Colors { absorption: tints(&|t, a| t * (Vec3::ONE - a)), scattering: tints(&|t, a| t * a) };
     Ok(filled(field, Coefficient::grey(scale), Coefficient::grey(scale)))

@@ -149,7 +149,7 @@ fn check_values(param: &Param, values: &[f64], size: [usize; 3], channels: usize
 fn numbers(p: &Params, name: &str, size: [usize; 3], bounds: &Bounds) -> Result<Option<Grid<f32>>, Fault> {
     let (Some(values), Some(param)) = (p.floats(name)?, p.get(name)) else { return Ok(None) };
     check_values(param, values, size, 1)?;
-    Ok(Some(Grid::new(size, values.iter().map(|v| *v as f32).collect(), bounds)))
+    Ok(Grid::new(size, values.iter().map(|v| *v as f32).collect(), bounds))
 }
 
 /// The colours of a grid by the name of their parameter, where it is there.
@@ -163,7 +163,7 @@ fn colors(p: &Params, name: &str, size: [usize; 3], bounds: &Bounds) -> Result<O
     }
     check_values(param, values, size, 3)?;
     let tints = values.chunks_exact(3).map(|c| Tint::from_rgb(Vec3::new(c[0] as f32, c[1] as f32, c[2] as f32)));
-    Ok(Some(Grid::new(size, tints.collect(), bounds)))
+    Ok(Grid::new(size, tints.collect(), bounds))
 }
 
 fn uniform_grid(context: &Context, p: &Params, bare: Medium, scale: f32) -> Result<Medium, Fault> {

@@ -35,10 +35,10 @@ fn limits_hold_all_that_is_in_their_cells() {
     let size = [9, 5, 13];
     let n = size.iter().product::<usize>() as u32;
     let number = |i: u32| to_unit(mix(i)).powi(3);
-    let grid = Grid::new(size, (0..n).map(number).collect(), &b);
+    let grid = Grid::new(size, (0..n).map(number).collect(), &b).unwrap();
     assert_bounded(&Volume::new(still.clone(), b, Field::Density(Scalars::Grid(grid)), None));
     let tint = |i: u32| Tint::from_rgb(Vec3::new(number(i), 3.0 * number(i + n), number(i + 2 * n)));
-    let colors = Grid::new(size, (0..n).map(tint).collect(), &b);
+    let colors = Grid::new(size, (0..n).map(tint).collect(), &b).unwrap();
     let field = Field::Colors { absorption: Some(colors), scattering: None };
     assert_bounded(&Volume::new(still.clone(), b, field, None));
     let cloud = Cloud { density: 2.0, wispiness: 1.0, frequency: 5.0 };
@@ -51,7 +51,7 @@ fn grids_are_linear_between_values_and_nothing_outside() {
     let b = unit_box();
     // x + 10 y + 100 z in numbers of values.
     let values = (0..24).map(|i| (i % 2) as f32 + 10.0 * (i / 2 % 3) as f32 + 100.0 * (i / 6) as f32).collect();
-    let grid = Grid::new([2, 3, 4], values, &b);
+    let grid = Grid::new([2, 3, 4], values, &b).unwrap();
     let at = |x: f32, y: f32, z: f32| grid.blend(b.min + Vec3::new(x, y, z) * Vec3::new(1.0, 1.0, 0.5), 0.0, |v| *v);
     assert!((at(0.5, 0.5, 0.5) - 0.0).abs() < 1e-4 && (at(1.5, 2.5, 3.5) - 321.0).abs() < 1e-3);
     assert!((at(1.0, 1.25, 2.75) - (0.5 + 7.5 + 225.0)).abs() < 1e-2);
