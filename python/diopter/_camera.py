@@ -537,7 +537,7 @@ class Camera:
     position: Sequence[float] | None = None
     #: What it is aimed at, m.
     look_at: Sequence[float] | None = None
-    #: What is up in the picture.
+    #: Up vector of the picture.
     up: Sequence[float] | None = None
     #: A camera of the scene's file, by name or number.
     viewpoint: str | int | None = None

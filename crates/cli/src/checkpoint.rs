@@ -45,10 +45,10 @@ pub struct Kept {
 pub fn expose(shot: &Shot, taking: &Taking, output: Option<&Path>, what: &'static str) -> anyhow::Result<Taken> {
     let kept = Kept::of(shot, taking, output, what)?;
     let start = kept.start(shot, taking, |[width, height, numbers]| Ok(Raster::<f64>::new(width, height, numbers)))?;
-    let mut keeper = kept.keeper(taking);
+    let mut writer = kept.writer(taking);
     let exposed = watched(what, |w| {
         let mut keep = |sums: &Sums| {
-            keeper.keep(sums);
+            writer.keep(sums);
             // A pass of what fits into memory takes seconds: it is finished, and the picture written.
             ControlFlow::Continue(())
         };
@@ -72,11 +72,11 @@ pub fn expose_rows<'a>(
     };
     let kept = Kept::of(shot, taking, Some(output), what)?;
     let start = kept.start(shot, taking, |size| PagedRows::new(size, cache, folder))?;
-    let mut keeper = kept.keeper(taking);
+    let mut writer = kept.writer(taking);
     // Samples of all pixels, those of a pass under way included, when it ended within one.
     let mut ended = None;
     let exposed = watched(what, |w| {
-        let mut keep = |sums: &Sums<PagedRows>| match keeper.keep(sums) {
+        let mut keep = |sums: &Sums<PagedRows>| match writer.keep(sums) {
             // A pass may take hours, and what would be written is worth little without it.
             Saved::OnStop => {
                 ended = Some(sums.mean_samples());
@@ -98,7 +98,7 @@ pub fn expose_rows<'a>(
 }
 
 /// Saves an exposure under way.
-struct Keeper<'a> {
+struct CheckpointWriter<'a> {
     file: Option<&'a Path>,
     ours: &'a AtomicBool,
     identity: u64,
@@ -118,7 +118,7 @@ enum Saved {
     No,
 }
 
-impl Keeper<'_> {
+impl CheckpointWriter<'_> {
     fn keep<S: RowStore>(&mut self, sums: &Sums<S>) -> Saved {
         let stopping = watch::stopping();
         if stopping && !self.told {
@@ -182,13 +182,22 @@ impl Kept {
         }
     }
 
-    fn keeper(&self, taking: &Taking) -> Keeper<'_> {
+    fn writer(&self, taking: &Taking) -> CheckpointWriter<'_> {
         let (next, every) = match taking.checkpoint {
             Some(Checkpoint::Every(s)) => (s, s),
             _ => (FIRST_S, EVERY_S),
         };
         let (file, identity) = (self.file.as_deref(), self.identity);
-        Keeper { file, ours: &self.ours, identity, begun: Instant::now(), next, every, told: false, saved_on_stop: None }
+        CheckpointWriter {
+            file,
+            ours: &self.ours,
+            identity,
+            begun: Instant::now(),
+            next,
+            every,
+            told: false,
+            saved_on_stop: None,
+        }
     }
 
     /// Removes the checkpoint of a whole exposure, now that its files are written. Of one that was stopped after `taken` samples, says how far it came.

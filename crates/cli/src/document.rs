@@ -96,10 +96,12 @@ pub fn prepare(path: &Path) -> anyhow::Result<(Kind, Output)> {
 }
 
 impl Document {
+    /// Adds a heading.
     pub fn heading(&mut self, text: &str) {
         self.blocks.push(Block::Heading(text.into()));
     }
 
+    /// Adds a paragraph.
     pub fn paragraph(&mut self, text: &str) {
         self.blocks.push(Block::Paragraph(text.into()));
     }

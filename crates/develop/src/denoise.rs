@@ -237,7 +237,7 @@ fn filter_rows(plane: &FocalPlane, farthest: Option<f32>, window: i64, cancel: &
         (0..n).map(band).collect()
     };
     let mut halves = [half(1.0), half(-1.0)];
-    let highlights = highlights::take_out(&mut halves, w);
+    let highlights = highlights::remove(&mut halves, w);
     let calm = without_sparks(&halves, w);
     let features = features(plane, farthest);
     // Variance of one half: twice that of the mean, over some neighbours, since a pixel's own has one degree of freedom.

@@ -75,7 +75,7 @@ fn wrong(place: &str, found: impl ToString, expected: impl Into<String>) -> Reci
 }
 
 impl LightField {
-    /// Of a raw file; `None` where no microlenses are known. Fails when what is told of them makes no sense.
+    /// The light field of a raw file; `None` where no microlenses are known. Fails when what is told of them makes no sense.
     pub fn of(header: &RawHeader, mosaic: [usize; 2]) -> Result<Option<LightField>, RecipeError> {
         let Some(facts) = header.facts.light_field.clone() else { return Ok(None) };
         let bad =

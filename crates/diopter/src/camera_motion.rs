@@ -32,20 +32,20 @@ impl CameraMotion {
         loop {
             let key = |x: f64| parts(&at(x * span_s));
             let keys = (0..=steps).map(|i| key(f64::from(i) / f64::from(steps))).collect();
-            let way = CameraMotion { keys, span_s, moving: None };
+            let motion = CameraMotion { keys, span_s, moving: None };
             let off = |i: u32| {
                 // Not the middles: a shake may have its period there.
                 let x = (f64::from(i) + 0.42) / f64::from(steps);
-                let ((q, p), (q1, p1)) = (key(x), way.parts_at(x * span_s));
+                let ((q, p), (q1, p1)) = (key(x), motion.parts_at(x * span_s));
                 let angle = 2.0 * (q.conjugate() * q1).xyz().length();
                 (angle / ANGLE).max((p - p1).length() / PLACE_M)
             };
             let worst = (0..steps).map(off).fold(0.0, f32::max);
             // A few steps see nothing of a quick motion: at least 64 are looked at.
             if (worst <= 1.0 && steps >= 64) || steps as usize >= MOST_STEPS || span_s <= 0.0 {
-                let first = way.keys[0];
-                let still = way.keys.iter().all(|k| *k == first);
-                return if still { CameraMotion { keys: vec![first], span_s: 0.0, moving: None } } else { way };
+                let first = motion.keys[0];
+                let still = motion.keys.iter().all(|k| *k == first);
+                return if still { CameraMotion { keys: vec![first], span_s: 0.0, moving: None } } else { motion };
             }
             steps *= 2;
         }
@@ -124,11 +124,11 @@ mod tests {
     fn a_sampled_way_stays_close_to_the_true_one() {
         let shake = Shake::new(1.0, 3);
         for span in [1e-3, 0.1, 5.0] {
-            let way = CameraMotion::sampled(span, |t| shake.turn(t));
+            let motion = CameraMotion::sampled(span, |t| shake.turn(t));
             for i in 0..1000 {
                 let t = span * (f64::from(i) + 0.7) / 1000.0;
                 let angle = |m: Affine3A| m.transform_vector3(Vec3::NEG_Z);
-                assert!((angle(way.at(t)) - angle(shake.turn(t))).length() < 3e-5);
+                assert!((angle(motion.at(t)) - angle(shake.turn(t))).length() < 3e-5);
             }
         }
         assert!(CameraMotion::sampled(1.0, |_| Affine3A::IDENTITY).is_still());

@@ -36,16 +36,19 @@ pub enum CheckpointError {
 pub(crate) struct Fnv(u64);
 
 impl Fnv {
+    /// A hash of nothing yet.
     pub fn new() -> Self {
         Fnv(0xcbf2_9ce4_8422_2325)
     }
 
+    /// Adds a word to the hash.
     pub fn add(&mut self, word: u64) {
         self.0 = (self.0 ^ word).wrapping_mul(0x0000_0100_0000_01b3);
         // Multiplication carries upwards alone: without this the upper bits of a word would never reach the lower ones of the hash.
         self.0 ^= self.0 >> 32;
     }
 
+    /// The hash of all words so far.
     pub fn finish(self) -> u64 {
         self.0
     }

@@ -18,7 +18,7 @@ mod pixel_cone;
 mod pixel_groups;
 pub(crate) mod response;
 pub(crate) mod settings;
-mod stars;
+mod starbursts;
 mod sums;
 mod tile;
 mod tile_sums;
@@ -52,7 +52,7 @@ use fireflies::Cascade;
 use pixel_cone::PixelCones;
 use rayon::prelude::*;
 use response::Curves;
-use stars::{Stars, star_sums};
+use starbursts::{Starbursts, star_sums};
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -239,7 +239,7 @@ impl Exposure<'_> {
     fn planes_of(&self, sums: &Sums, optics: Option<&Optics>) -> (Finished, ExposureFacts) {
         let mut facts = self.facts_of(sums);
         let bands = self.response.curves.len();
-        let starbursts = optics.filter(|_| self.separates_starbursts()).map(|optics| Stars {
+        let starbursts = optics.filter(|_| self.separates_starbursts()).map(|optics| Starbursts {
             optics,
             camera: self.camera,
             seed: self.settings.seed,

@@ -47,7 +47,7 @@ const MATRIX_SPREAD: f64 = 0.3;
 const MATRIX_FLOOR: f64 = 0.25;
 const MATRIX_LIMIT_EV: f64 = 2.5;
 /// The highlight pattern: this fraction of the cells is brighter than what it puts (EV) below saturation.
-const HIGHLIGHT_SHARE: f64 = 0.005;
+const HIGHLIGHT_FRACTION: f64 = 0.005;
 const HIGHLIGHT_BELOW_EV: f64 = 1.0 / 3.0;
 
 /// Illuminants a meter is made for.
@@ -301,7 +301,7 @@ impl Meter<'_> {
                 return None;
             }
             levels.sort_by(f64::total_cmp);
-            let level = levels[((1.0 - HIGHLIGHT_SHARE) * (levels.len() - 1) as f64) as usize];
+            let level = levels[((1.0 - HIGHLIGHT_FRACTION) * (levels.len() - 1) as f64) as usize];
             let full = level >= 0.999;
             return (level > 0.0).then(|| if full { time / 4.0 } else { time * (-HIGHLIGHT_BELOW_EV).exp2() / level });
         }

@@ -1,7 +1,7 @@
 //! The mount: the only place where lens (mm, f64, +z towards the film) and world (m, f32) meet.
 //!
 //! The lens stands in the camera's frame with its plane (a real lens: the middle of its entrance pupil) at the camera's origin
-//! and its +z along the camera's +Z: light goes that way. The picture on the film is upside down and mirrored, so a pixel right of the middle lies at −x.
+//! and its +z along the camera's +Z: light goes that motion. The picture on the film is upside down and mirrored, so a pixel right of the middle lies at −x.
 
 use crate::camera::{Camera, Film};
 use crate::camera_motion::CameraMotion;
@@ -16,13 +16,13 @@ const M_PER_MM: f64 = 1e-3;
 pub const M2_PER_MM2: f64 = M_PER_MM * M_PER_MM;
 
 /// The lens as it stands at a time of an exposure; `central`: with nothing moved.
-pub(crate) fn lens_on<'a>(way: &'a CameraMotion, central: &'a Lens, time_s: f64) -> &'a Lens {
-    way.moving().map_or(central, |moving| moving.lens(central, time_s))
+pub(crate) fn lens_on<'a>(motion: &'a CameraMotion, central: &'a Lens, time_s: f64) -> &'a Lens {
+    motion.moving().map_or(central, |moving| moving.lens(central, time_s))
 }
 
 /// How far from its place on the film a pixel collects light at a time of an exposure, mm in the axes of the lens.
-pub(crate) fn film_shift_on(way: &CameraMotion, time_s: f64) -> DVec2 {
-    way.moving().map_or(DVec2::ZERO, |moving| moving.film_shift(time_s))
+pub(crate) fn film_shift_on(motion: &CameraMotion, time_s: f64) -> DVec2 {
+    motion.moving().map_or(DVec2::ZERO, |moving| moving.film_shift(time_s))
 }
 
 impl Film {

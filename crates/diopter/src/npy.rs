@@ -5,14 +5,14 @@ pub trait Number: Copy {
     /// numpy's name of the type.
     const DTYPE: &'static str;
     /// Appends its bytes.
-    fn put(self, to: &mut Vec<u8>);
+    fn append_to(self, to: &mut Vec<u8>);
 }
 
 macro_rules! number {
     ($kind:ty, $dtype:literal) => {
         impl Number for $kind {
             const DTYPE: &'static str = $dtype;
-            fn put(self, to: &mut Vec<u8>) {
+            fn append_to(self, to: &mut Vec<u8>) {
                 to.extend_from_slice(&self.to_le_bytes());
             }
         }
@@ -49,7 +49,7 @@ pub fn with_shape<T: Number>(data: &[T], shape: &[usize]) -> Vec<u8> {
     let shape = format!("({})", shape.iter().map(usize::to_string).collect::<Vec<_>>().join(", "));
     let mut out = header(&format!("'{}'", T::DTYPE), &shape);
     out.reserve(size_of_val(data));
-    data.iter().for_each(|v| v.put(&mut out));
+    data.iter().for_each(|v| v.append_to(&mut out));
     out
 }
 

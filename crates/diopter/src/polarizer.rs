@@ -136,7 +136,7 @@ pub(crate) struct Analysis {
 }
 
 impl Analysis {
-    /// Of a camera's ray into the scene.
+    /// The analysis of a camera's ray into the scene.
     pub fn of(camera: &Camera, polarizer: Option<&Polarizer>, ray: &Ray) -> Self {
         let matrix = camera.motion.at(f64::from(ray.time_s)).matrix3;
         Analysis::along(ray.direction, matrix, polarizer)

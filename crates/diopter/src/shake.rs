@@ -19,7 +19,7 @@ pub struct Shake {
 const WAVES: usize = 48;
 
 impl Shake {
-    /// Of a root mean square angular speed (deg/s) of pitch and of yaw. Roll is half as strong.
+    /// A shake of a root mean square angular speed (deg/s) of pitch and of yaw. Roll is half as strong.
     pub fn new(rms_deg_s: f64, seed: u64) -> Self {
         let spectrum = |f: f64| {
             let hand = if f < 4.0 { 1.0 } else { (4.0 / f).powi(2) };

@@ -18,7 +18,7 @@ use glam::{DMat2, DVec2, DVec3};
 
 /// Corner of the servo by default, Hz: chosen, so that a steady hand is held to about a tenth.
 pub const SERVO_HZ: f64 = 100.0;
-/// Corner below which angles are taken for drift by default, Hz: chosen, below what hands do.
+/// Corner frequency below which angles count as drift by default, Hz: chosen, below what hands do.
 pub const DRIFT_HZ: f64 = 0.05;
 /// Steps of the way of what moves in a second, and at least.
 const STEPS_A_SECOND: f64 = 2000.0;
@@ -32,7 +32,7 @@ pub struct Stabiliser {
     pub part: StabiliserPart,
     /// Corner of the servo, Hz; infinite for one that follows at once.
     pub servo_hz: f64,
-    /// Below it angles are taken for drift and not answered, Hz; 0 where all are answered.
+    /// Corner frequency, Hz: below it angles count as drift and are not answered; 0 where all are answered.
     pub drift_hz: f64,
     /// How far it moves from the axis at most, mm.
     pub travel_mm: f64,

@@ -64,8 +64,8 @@ const MOST_BEAMS: usize = 64;
 const COLUMNS: usize = 640;
 
 /// Rays over the front for the glare of all lamps beyond the frame, and the fewest for one.
-const ASTRAY: f64 = 6144.0;
-const ASTRAY_LEAST: usize = 48;
+const STRAY_RAYS: f64 = 6144.0;
+const LEAST_STRAY_RAYS: usize = 48;
 
 /// Steps in which light that changes with time is summed over the time a pixel is open.
 const TIME_STEPS: usize = 256;
@@ -193,8 +193,8 @@ impl StrayLight {
         }
     }
 
-    /// Takes it away from a mean that it was added to.
-    pub fn take_from(&self, mean: &mut Raster<f32>) {
+    /// Subtracts it from a mean that it was added to.
+    pub fn subtract_from(&self, mean: &mut Raster<f32>) {
         self.add_ghosts(mean, 0, -1.0);
         let Some((veil, light)) = &self.glare else { return };
         let (width, height, bands) = (mean.width, self.film.rows, mean.channels);
@@ -293,7 +293,7 @@ fn add_astray(parts: &mut Vec<Part>, system: &System, beams: &[&Beam], film: &Fi
         .par_iter()
         .enumerate()
         .map(|(k, beam)| {
-            let rays = ((ASTRAY * beam.strength() / all) as usize).max(ASTRAY_LEAST) / tracers.len();
+            let rays = ((STRAY_RAYS * beam.strength() / all) as usize).max(LEAST_STRAY_RAYS) / tracers.len();
             let mut found = vec![];
             for (bin, tracer) in tracers.iter().enumerate() {
                 let of_bin = |counts: &[f64; BINS]| -> f64 {
@@ -301,7 +301,7 @@ fn add_astray(parts: &mut Vec<Part>, system: &System, beams: &[&Beam], film: &Fi
                     of_bin.map(|i| counts[i]).sum()
                 };
                 let counts: Vec<f64> = beam.counts.iter().map(of_bin).collect();
-                let arrivals = tracer.astray(&beam.source, (k * tracers.len() + bin) as u64, rays);
+                let arrivals = tracer.stray_rays(&beam.source, (k * tracers.len() + bin) as u64, rays);
                 let scattered = arrivals.into_iter().filter(|a| a.0 == Kind::Scatter);
                 found.extend(scattered.map(|(_, at, mm2)| (at, counts.iter().map(|c| c * mm2).collect::<Vec<f64>>())));
             }

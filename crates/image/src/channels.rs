@@ -444,6 +444,11 @@ impl Channel {
         4 * self.parts()
     }
 
+    /// Name of the Cryptomatte layer of its ranks: that of the EXR channels without rank and component.
+    pub fn matte_layer(&self) -> &'static str {
+        self.exr[0].split(|c: char| c.is_ascii_digit() || c == '.').next().unwrap_or_default()
+    }
+
     /// Whether it is recorded without being asked for.
     pub fn is_always(&self) -> bool {
         CHANNELS[..ALWAYS].iter().any(|c| c.name == self.name)

@@ -45,7 +45,7 @@ pub struct Manifest {
 }
 
 impl Manifest {
-    /// Of names, each once, in order, without a file beside.
+    /// A manifest of names, each once, in order, without a file beside.
     pub fn new(layer: impl Into<String>, names: Vec<String>) -> Manifest {
         Manifest { layer: layer.into(), names, sidecar: None }
     }

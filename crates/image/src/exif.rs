@@ -2,7 +2,7 @@
 //!
 //! Source: CIPA DC-008-2019 (EXIF 2.32). APEX values: Av = 2 log2 N, Tv = −log2 t, Bv = EV100 − 5.
 
-use crate::tags::{Field, put, written};
+use crate::tags::{Field, write_fields, written};
 use crate::{ExposureFacts, ImageError};
 use std::io::Cursor;
 use tiff::encoder::TiffEncoder;
@@ -154,7 +154,7 @@ pub fn block(facts: &ExposureFacts, holder: Holder) -> Result<Vec<u8>, ImageErro
         ]);
     }
     let mut exif = tiff.extra_directory().map_err(written)?;
-    put(&mut exif, &fields)?;
+    write_fields(&mut exif, &fields)?;
     let place = exif.finish_with_offsets().map_err(written)?.pointer.0 as u32;
     let mut main = tiff.image_directory().map_err(written)?;
     let mut fields = main_fields(facts);
@@ -163,7 +163,7 @@ pub fn block(facts: &ExposureFacts, holder: Holder) -> Result<Vec<u8>, ImageErro
         fields.push((531, Field::short(1)));
     }
     fields.push((EXIF_DIRECTORY, Field::long(place)));
-    put(&mut main, &fields)?;
+    write_fields(&mut main, &fields)?;
     main.finish().map_err(written)?;
     Ok(bytes.into_inner())
 }

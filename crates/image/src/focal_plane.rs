@@ -231,7 +231,7 @@ pub struct Merged<S> {
 }
 
 impl<S: FocalPlaneSource> Merged<S> {
-    /// Of at least one part. Fails when sizes, bands, seeds or cameras differ, or when two parts hold the same samples.
+    /// Merges at least one part. Fails when sizes, bands, seeds or cameras differ, or when two parts hold the same samples.
     pub fn new(parts: Vec<S>) -> Result<Self, ImageError> {
         let mismatch = |what: String| Err(ImageError::Mismatch(what));
         let mut parts: Vec<(usize, S)> = parts.into_iter().enumerate().collect();
@@ -322,7 +322,7 @@ impl<S: FocalPlaneSource> FocalPlaneSource for Merged<S> {
                 Some(truth) => {
                     truth.merge(&own, [so_far, samples]);
                     if k == self.first {
-                        truth.take_nearest(&own);
+                        truth.copy_nearest(&own);
                     }
                 }
             }

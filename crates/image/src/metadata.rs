@@ -102,6 +102,11 @@ pub struct ExposureFacts {
 }
 
 impl ExposureFacts {
+    /// ISO speed of a picture, or the one set for an exposure that has not been read out; `None` where neither is known.
+    pub fn speed(&self) -> Option<f64> {
+        [self.iso, self.iso_set].into_iter().find(|iso| *iso > 0.0)
+    }
+
     /// The facts that define the picture on the film: two exposures that agree in them show the same light, and hold samples of one picture.
     ///
     /// Left out is which samples they hold, how the exposure was chosen (mode, metering, compensation, focusing), and
@@ -180,7 +185,7 @@ pub struct RowTimes {
 }
 
 impl RowTimes {
-    /// Of `lines` lines that open and close one after the other, the last one first if `backwards`; first time and step of each.
+    /// Times of `lines` lines that open and close one after the other, the last one first if `backwards`; first time and step of each.
     pub fn running(backwards: bool, lines: f64, open_s: [f64; 2], close_s: [f64; 2]) -> Self {
         let turned = |[first, step]: [f64; 2]| if backwards { [first + (lines - 1.0) * step, -step] } else { [first, step] };
         RowTimes { open_s: turned(open_s), close_s: turned(close_s), columns: false }

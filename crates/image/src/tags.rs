@@ -127,7 +127,7 @@ pub(crate) fn ascii(text: &str) -> String {
 }
 
 /// Writes fields into a directory.
-pub(crate) fn put<W: Write + Seek>(
+pub(crate) fn write_fields<W: Write + Seek>(
     directory: &mut DirectoryEncoder<'_, W, TiffKindStandard>,
     fields: &[(u16, Field)],
 ) -> Result<(), ImageError> {

@@ -294,7 +294,7 @@ impl Truth {
     }
 
     /// Takes the channels of one ray from another truth of the same pixels and channels.
-    pub(crate) fn take_nearest(&mut self, other: &Truth) {
+    pub(crate) fn copy_nearest(&mut self, other: &Truth) {
         for ((channel, to), from) in self.recorded.channels.iter().zip(&mut self.values).zip(&other.values) {
             if channel.merge == Merge::Nearest {
                 to.clone_from(from);
@@ -392,7 +392,7 @@ mod tests {
         // 7: (0.75 + 3 · 0.5) / 4, 9: (0.25 + 3 · 0.5) / 4.
         assert_eq!(a.float("ranks").unwrap().data, [7.0, 0.5625, 9.0, 0.4375]);
         assert_eq!(a.depth().data, [3.0]);
-        a.take_nearest(&b);
+        a.copy_nearest(&b);
         assert_eq!((a.depth().data[0], a.float("mean").unwrap().data[0]), (4.0, 2.5));
         // A part without samples of its own changes nothing.
         let before = a.clone();

@@ -59,7 +59,7 @@ pub(crate) struct Bundle {
 
 /// A ray on the plane of the film.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Landing {
+pub(crate) struct TracedFilmPoint {
     /// mm.
     pub place: DVec2,
     /// Change of x and y with z.
@@ -81,9 +81,9 @@ pub(crate) struct Tracer {
     lanes: Vec<Indices>,
 }
 
-/// Change of a [`Landing`] by a parameter of the lens.
+/// Change of a [`TracedFilmPoint`] by a parameter of the lens.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct LandingChange {
+pub(crate) struct FilmPointChange {
     /// mm
     pub place: [f64; 2],
     /// Of the direction.
@@ -92,7 +92,7 @@ pub(crate) struct LandingChange {
     pub path: f64,
 }
 
-/// What of landings is differentiated, beside places.
+/// What of film points is differentiated, beside places.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Needed {
     /// Directions.
@@ -122,7 +122,7 @@ pub(crate) struct AimedBundle {
 }
 
 impl Tracer {
-    /// Of a lens as it stands, at wavelengths in nm.
+    /// A tracer of a lens as it stands, at wavelengths in nm.
     pub fn new(system: &System, wavelengths_nm: &[f64]) -> Tracer {
         let mut system = system.clone();
         for s in &mut system.surfaces {
@@ -289,7 +289,7 @@ impl Bundle {
 
     /// Where all rays land on the plane of the film at a wavelength, by its number, in the order of [`Bundle::rays`]. `None` where one of
     /// them does not arrive.
-    pub fn trace(&self, tracer: &Tracer, aimed: AimedBundle, color: usize) -> Option<Vec<Landing>> {
+    pub fn trace(&self, tracer: &Tracer, aimed: AimedBundle, color: usize) -> Option<Vec<TracedFilmPoint>> {
         self.trace_places(tracer, aimed, color, &self.rays)
     }
 
@@ -300,10 +300,10 @@ impl Bundle {
         aimed: AimedBundle,
         color: usize,
         places: &[(DVec2, f64)],
-    ) -> Option<Vec<Landing>> {
+    ) -> Option<Vec<TracedFilmPoint>> {
         let film_z = tracer.system.film_z;
         let n_image = tracer.image_index(color);
-        let mut landings = Vec::with_capacity(places.len());
+        let mut film_points = Vec::with_capacity(places.len());
         let mut packet = Packet::default();
         for chunk in places.chunks(LANES) {
             self.start(&mut packet, aimed, chunk);
@@ -315,20 +315,20 @@ impl Bundle {
                 let position = DVec3::new(packet.x[lane], packet.y[lane], packet.z[lane]);
                 let direction = DVec3::new(packet.dx[lane], packet.dy[lane], packet.dz[lane]);
                 let t = (film_z - position.z) / direction.z;
-                let landing = Landing {
+                let film_point = TracedFilmPoint {
                     place: (position + direction * t).truncate(),
                     slope: direction.truncate() / direction.z,
                     direction,
                     path: packet.path[lane] + n_image * t,
                     weight: *weight,
                 };
-                if !(landing.place.is_finite() && landing.path.is_finite()) {
+                if !(film_point.place.is_finite() && film_point.path.is_finite()) {
                     return None;
                 }
-                landings.push(landing);
+                film_points.push(film_point);
             }
         }
-        Some(landings)
+        Some(film_points)
     }
 
     /// By how much the offset of [`RayAiming::Entrance`] changes with each parameter. `None` where the stop cannot be reached.
@@ -355,8 +355,8 @@ impl Bundle {
         (aimed, moved): (AimedBundle, &[DVec2]),
         color: usize,
         needed: Needed,
-    ) -> Option<Vec<Vec<LandingChange>>> {
-        let mut changes = vec![vec![LandingChange::default(); self.rays.len()]; moved.len()];
+    ) -> Option<Vec<Vec<FilmPointChange>>> {
+        let mut changes = vec![vec![FilmPointChange::default(); self.rays.len()]; moved.len()];
         let mut packet = Packet::default();
         for (number, chunk) in self.rays.chunks(LANES).enumerate() {
             self.start(&mut packet, aimed, chunk);
@@ -365,7 +365,7 @@ impl Bundle {
             let start_by: Vec<_> =
                 chunk.iter().map(|(place, _)| self.beam.ray_by(aimed.matrix * *place + aimed.offset)).collect();
             // What the lens does to the rays, and what their start does.
-            let mut each = |quantity: Quantity, write: &dyn Fn(&mut LandingChange, f64)| {
+            let mut each = |quantity: Quantity, write: &dyn Fn(&mut FilmPointChange, f64)| {
                 let g = by.lens.gradient(&traced, quantity);
                 for (lane, start_by) in start_by.iter().enumerate() {
                     let along = by_place(&g, lane, start_by);
@@ -406,8 +406,8 @@ impl Bundle {
 ///
 /// The phase of the plane wave that runs in the ray's direction, at the image point: with direction cosines as pupil coordinates it
 /// is the pupil function's phase (Hopkins 1955; Born & Wolf §4.1.2, the mixed characteristic).
-pub(crate) fn path_to_foot(landing: &Landing, image: DVec2, n_image: f64) -> f64 {
-    landing.path + n_image * (image - landing.place).dot(landing.direction.truncate())
+pub(crate) fn path_to_foot(film_point: &TracedFilmPoint, image: DVec2, n_image: f64) -> f64 {
+    film_point.path + n_image * (image - film_point.place).dot(film_point.direction.truncate())
 }
 
 #[cfg(test)]
@@ -427,9 +427,9 @@ mod tests {
             let bundle = Bundle::lit(&bench, field, D_NM, Sampling { arms: 24, rings: 7 }).unwrap();
             let aimed = bundle.aim(&tracer, 0, RayAiming::Stop).unwrap();
             assert!(aimed.offset.length() < 1e-8, "the lens as given is aimed at already: {aimed:?}");
-            let landed = bundle.trace(&tracer, aimed, 0).unwrap();
-            let mean: DVec2 = landed.iter().map(|l| l.place * l.weight).sum();
-            let rms = landed.iter().map(|l| l.place.distance_squared(mean) * l.weight).sum::<f64>().sqrt();
+            let film_points = bundle.trace(&tracer, aimed, 0).unwrap();
+            let mean: DVec2 = film_points.iter().map(|l| l.place * l.weight).sum();
+            let rms = film_points.iter().map(|l| l.place.distance_squared(mean) * l.weight).sum::<f64>().sqrt();
             let many = bench.spot(field, D_NM, D_NM, 200, 0.0).unwrap();
             // 200 cells across leave 1 % of the edge of the pupil undecided.
             assert!((rms / many.rms - 1.0).abs() < 0.02, "{field}: {rms} {}", many.rms);

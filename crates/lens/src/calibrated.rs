@@ -181,7 +181,7 @@ impl CalibratedLens {
         &self.grid
     }
 
-    /// Of the middle of the picture, mm.
+    /// Focal length in the middle of the picture, mm.
     pub fn focal_length(&self) -> Millimeters {
         self.focal_length
     }

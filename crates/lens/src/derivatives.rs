@@ -118,7 +118,7 @@ pub(crate) struct Traced {
 }
 
 impl Differentiated {
-    /// Of a lens as it stands. `None` where derivatives have no formula here: gradients of the index, phases, ideal and Fresnel surfaces, an axis of the object beside the lens's.
+    /// Prepares a lens as it stands. `None` where derivatives have no formula here: gradients of the index, phases, ideal and Fresnel surfaces, an axis of the object beside the lens's.
     pub fn new(system: &System, parameters: &[Parameter]) -> Option<Differentiated> {
         let plain = |(i, s): (usize, &crate::system::PlacedSurface)| {
             let formula = s.ideal_focal_length.is_none()

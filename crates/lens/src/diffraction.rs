@@ -119,7 +119,7 @@ pub struct Kernel<'a> {
 }
 
 impl Diffraction {
-    /// Of a lens over a film that reaches so far from the axis (mm) each way. Light that is displaced by more than `core_mm` counts as wings
+    /// Diffraction of a lens over a film that reaches so far from the axis (mm) each way. Light that is displaced by more than `core_mm` counts as wings
     /// ([`Kernel::wing`]). `None` of a pinhole, whose hole has no size for rays, and where no light comes through.
     pub fn new(lens: &Lens, film_mm: DVec2, core_mm: f64) -> Option<Diffraction> {
         let root = PI.sqrt();
@@ -159,7 +159,7 @@ impl Diffraction {
         let mut map = map;
         let mut patterns: Vec<Scaled> = grids.iter().map(scaled).collect();
         if let PupilMap::Traced(traced) = &mut map {
-            traced.put_phases(&phased, &mut patterns);
+            traced.add_aberrations(&phased, &mut patterns);
         }
         Some(Diffraction { pupils: map, patterns, tail: Tail::of(&iris), core_mm })
     }
@@ -300,7 +300,7 @@ impl TracedPupils {
     }
 
     /// Gives zones with aberrations patterns of their own.
-    fn put_phases(&mut self, grids: &[PupilGrid], patterns: &mut Vec<Scaled>) {
+    fn add_aberrations(&mut self, grids: &[PupilGrid], patterns: &mut Vec<Scaled>) {
         let directions = self.zones.len() / RINGS;
         for (i, (zone, grid)) in self.zones.iter_mut().zip(grids).enumerate() {
             let Some(wavefront) = &self.wavefronts[i / directions] else { continue };

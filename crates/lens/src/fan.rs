@@ -19,7 +19,7 @@ pub struct Fan {
 }
 
 impl Fan {
-    /// Of a counter-clockwise outline that `center` sees all of. Fewer than three corners make an empty fan.
+    /// Triangles of a counter-clockwise outline that `center` sees all of. Fewer than three corners make an empty fan.
     pub fn new(center: DVec2, outline: Vec<DVec2>) -> Fan {
         let n = outline.len();
         if n < 3 {

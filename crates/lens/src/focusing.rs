@@ -73,12 +73,12 @@ pub struct AxialSpot {
 }
 
 impl AxialSpot {
-    /// Of a point `object_z` mm from the first vertex (negative), `None` at infinity. `None` when no light comes through.
+    /// The spot of a point `object_z` mm from the first vertex (negative), `None` at infinity. `None` when no light comes through.
     pub fn of(system: &System, object_z: Option<f64>) -> Option<AxialSpot> {
         AxialSpot::of_point(system, object_z.map(|z| DVec3::Z * z))
     }
 
-    /// Of a point that may lie beside the axis, as a turned lens's plane of focus has it: mm from the first vertex; `None` infinitely far along the axis.
+    /// The spot of a point that may lie beside the axis, as a turned lens's plane of focus has it: mm from the first vertex; `None` infinitely far along the axis.
     pub fn of_point(system: &System, object: Option<DVec3>) -> Option<AxialSpot> {
         let Bundle { at, z } = bundle(system, object);
         let total: f64 = at.iter().map(|r| r.2).sum();

@@ -7,13 +7,14 @@
 //! From a file to a picture: [`import`] or [`prescription`] → checked [`Prescription`] → [`System`] (a focus and zoom position,
 //! ready to trace) → [`CompoundLens`] (aperture and focus set, pupils known). [`trace`] is the plain trace and the reference;
 //! [`batch`] the fast one; [`diffraction`] what the aperture does to the light on the film; [`coating`]: thin films on its surfaces; [`ghosts`]: light
-//! they throw back; [`glare`]: light they scatter. Not here: polarisation.
+//! they throw back; [`glare`]: light they scatter.
+//!
+//! Begin with [`Prescription`], [`CompoundLens`] and, for the optical bench, [`analysis::Bench`]. Not here: scenes, films and their pixels, polarisation.
 
 pub mod analysis;
 pub mod aperture;
 mod asphere;
 mod at_stop;
-mod axial_beam;
 pub mod batch;
 mod bundle;
 pub mod calibrated;
@@ -27,6 +28,7 @@ pub mod diffractive;
 pub mod draw;
 pub mod dual;
 pub mod export;
+mod f_number;
 mod fan;
 pub mod focusing;
 pub mod forbes;

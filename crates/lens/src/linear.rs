@@ -9,7 +9,7 @@ pub(crate) struct Cholesky {
 }
 
 impl Cholesky {
-    /// Of a matrix in rows of `size`; `None` where it is not positive definite. Source: Golub & Van Loan, "Matrix Computations",
+    /// The decomposition of a matrix in rows of `size`; `None` where it is not positive definite. Source: Golub & Van Loan, "Matrix Computations",
     /// §4.2. Panics unless `a` has `size`² numbers.
     pub fn new(mut a: Vec<f64>, size: usize) -> Option<Cholesky> {
         assert!(a.len() == size * size, "{} numbers for a matrix of {size} rows", a.len());

@@ -106,7 +106,7 @@ impl MicrolensOptics {
     }
 
     /// Where on the sensor (mm) light lands that comes to a place of the array (mm) with a slope.
-    pub fn lands(&self, at: DVec2, slope: DVec2) -> DVec2 {
+    pub fn on_sensor(&self, at: DVec2, slope: DVec2) -> DVec2 {
         let lens = self.array.lattice.nearest(at);
         at - (slope + (at - lens) / self.array.focal_length) * self.array.gap
     }
@@ -157,7 +157,7 @@ mod tests {
                 let sensor = DVec2::new(2.0, 1.0) + fraction * period * 6.0;
                 drawn += 1.0;
                 let Some(way) = behind.draw(sensor, u) else { continue };
-                assert!(behind.lands(way.at, way.slope).distance(sensor) < 1e-9);
+                assert!(behind.on_sensor(way.at, way.slope).distance(sensor) < 1e-9);
                 let Ok(ray) = lens.ray_along(way.at, way.slope) else { continue };
                 passed += ray.weight_sr / way.density;
             }

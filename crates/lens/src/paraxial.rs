@@ -122,7 +122,7 @@ pub struct FirstOrder {
 }
 
 impl FirstOrder {
-    /// Of a system at the indices of one wavelength. Of a lens whose object has an axis of its own about the base ray (parabasal).
+    /// First-order data of a system at the indices of one wavelength. Of a lens whose object has an axis of its own about the base ray (parabasal).
     pub fn of(system: &System, n: &[f64]) -> FirstOrder {
         if system.object_axis.is_some() {
             return parabasal(system, n).unwrap_or(FirstOrder::UNKNOWN);
@@ -299,7 +299,7 @@ pub(crate) struct Cardinal<N> {
 }
 
 impl<N: Number> Cardinal<N> {
-    /// Of surfaces that only refract and reflect, `stop` the number of the stop, `run` the way of the light behind the last.
+    /// Cardinal points of surfaces that only refract and reflect, `stop` the number of the stop, `run` the way of the light behind the last.
     pub fn of(elements: &[Element<N>], stop: usize, run: f64) -> Cardinal<N> {
         // The rays parallel to the axis at height 1, and of slope 1 through the first vertex.
         let mut rays = [[N::constant(1.0), N::constant(0.0)], [N::constant(0.0), N::constant(1.0)]];

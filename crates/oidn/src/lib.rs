@@ -4,6 +4,8 @@
 //! card. The binding follows `OpenImageDenoise/oidn.h` of version 2 (functions and enumerations have kept their form from 2.0 to 2.5); versions 1
 //! have other functions and are refused. Source: Open Image Denoise documentation, <https://www.openimagedenoise.org/documentation.html>.
 //!
+//! Begin with [`Denoiser`]. Not here: the library itself, devices other than the CPU, training or weights of one's own, denoising without it (the crate `develop` has a filter).
+//!
 //! This crate is the only one of the workspace that holds `unsafe` code, all of it calls of these functions.
 
 mod api;

@@ -4,7 +4,7 @@
 //! Thin: arrays and settings come in, the crate `diopter` works, arrays go out. Settings are those of a shot file, as JSON; units, defaults, names and
 //! documentation of the arguments are in `python/diopter`, which is what users import. Long work runs beside the interpreter ([`background`]).
 //!
-//! Not here: anything that `diopter` could do for the command line, too.
+//! Begin with `shot.rs` (a shot, its exposure, its raw image) and `lens.rs`. Not here: anything that `diopter` could do for the command line, too.
 
 mod arrays;
 mod background;

@@ -1,7 +1,7 @@
 //! Things that move, made ready for the rays of one exposure.
 //!
-//! Over the time of an exposure each way is cut into equal steps, as many as keep what is straight between them close to the true
-//! way ([`TOLERANCE`]). What moves as a whole has a transform at each step, interpolated number by number; a mesh that bends has its
+//! Over the time of an exposure each motion is cut into equal steps, as many as keep what is straight between them close to the true
+//! motion ([`TOLERANCE`]). What moves as a whole has a transform at each step, interpolated number by number; a mesh that bends has its
 //! corners at each step and one moving hierarchy between two of them. Moving things hang in hierarchies of their own, one for each
 //! segment of the exposure, whose boxes move too: what stands still is met as if nothing moved.
 
@@ -12,10 +12,10 @@ use crate::shape::Mesh;
 use glam::{Affine3A, Vec3, Vec4};
 use rayon::prelude::*;
 
-/// Largest distance between the true way and the straight pieces that stand for it, as a fraction of the size of what moves: a tenth
+/// Largest distance between the true motion and the straight pieces that stand for it, as a fraction of the size of what moves: a tenth
 /// of a pixel for a thing that fills 1000.
 const TOLERANCE: f32 = 1e-4;
-/// Most steps of a way: a propeller of 30 turns a second over eight seconds.
+/// Most steps of a motion: a propeller of 30 turns a second over eight seconds.
 const MOST_STEPS: usize = 1 << 16;
 /// Most steps of a mesh that bends, and most triangles (each step a copy of about 600 bytes) it may take.
 const MOST_POSES: usize = 256;
@@ -24,7 +24,7 @@ const MOST_POSED_TRIANGLES: usize = 1 << 22;
 const MOST_SEGMENTS: usize = 64;
 const MOST_BOXES: usize = 1 << 20;
 
-/// Doublings of the steps that change little before a way is taken for one with jumps, which no number of steps follows.
+/// Doublings of the steps that change little before a motion is taken for one with jumps, which no number of steps follows.
 const STALLS: usize = 9;
 
 /// Maps a fraction of the exposure to a fraction of the key-frame cycle.
@@ -62,12 +62,12 @@ pub struct Track {
     /// One, or a power of two and one.
     keys: Vec<Affine3A>,
     clock: Clock,
-    /// Whether there are fewer steps than the way would need.
+    /// Whether there are fewer steps than the motion would need.
     coarse: bool,
 }
 
 impl Track {
-    /// The way of a node during an exposure; `size` is what the tolerance is a fraction of, m, and `probes` are points (node space)
+    /// The motion of a node during an exposure; `size` is what the tolerance is a fraction of, m, and `probes` are points (node space)
     /// that it is kept for.
     fn of_node(timeline: &Timeline, node: u32, probes: &[Vec3], size: f32, open_s: f64, span_s: f64) -> Track {
         let clock = Clock::new(timeline, [node], open_s, span_s);
@@ -126,7 +126,7 @@ fn step(fraction: f32, steps: usize) -> (usize, f32) {
     (k, x - k as f32)
 }
 
-/// The way of a moving object.
+/// The motion of a moving object.
 #[derive(Debug)]
 enum InstanceMotion {
     /// As a whole.
@@ -143,8 +143,8 @@ struct AnimatedInstance {
     free: bool,
     /// Number of its mesh; `NONE` of curves.
     mesh: u32,
-    way: InstanceMotion,
-    /// Boxes at the steps of the way.
+    motion: InstanceMotion,
+    /// Boxes at the steps of the motion.
     boxes: Vec<Bounds>,
 }
 
@@ -152,9 +152,9 @@ struct AnimatedInstance {
 #[derive(Debug, Default)]
 pub struct AnimatedInstances {
     animated: Vec<AnimatedInstance>,
-    /// Mover of each object; `NONE` for those that stand still.
+    /// Animated instance of each object; `NONE` for those that stand still.
     of_object: Vec<u32>,
-    /// Ways of nodes that carry lights without extent.
+    /// Motions of nodes that carry lights without extent.
     pub(crate) lights: Vec<Option<Track>>,
     segments: Vec<Bvh>,
     span_s: f32,
@@ -201,18 +201,18 @@ impl AnimatedInstances {
                 let mesh = match (object.shape, object.motion) {
                     (Shape::Mesh { mesh, .. }, _) => mesh,
                     (_, Motion::Carried { node }) => {
-                        let (way, boxes) = carried(timeline, node, of_set?, open_s, span_s);
+                        let (motion, boxes) = carried(timeline, node, of_set?, open_s, span_s);
                         return Some(AnimatedInstance {
                             object: i as u32,
                             free: d.nodes[node as usize].free,
                             mesh: NONE,
-                            way,
+                            motion,
                             boxes,
                         });
                     }
                     _ => return None,
                 };
-                let (way, boxes) = match object.motion {
+                let (motion, boxes) = match object.motion {
                     Motion::Still => return None,
                     Motion::Carried { node } => {
                         let local = shared[mesh as usize].as_ref().map_or(Bounds::EMPTY, Bvh::bounds);
@@ -225,7 +225,7 @@ impl AnimatedInstances {
                     }
                 };
                 let free = matches!(object.motion, Motion::Carried { node } if d.nodes[node as usize].free);
-                Some(AnimatedInstance { object: i as u32, free, mesh, way, boxes })
+                Some(AnimatedInstance { object: i as u32, free, mesh, motion, boxes })
             })
             .collect();
         let mut of_object = if animated.is_empty() { Vec::new() } else { vec![NONE; d.objects.len()] };
@@ -259,7 +259,7 @@ impl AnimatedInstances {
 
     /// Where a instance that moves as a whole is; identity for a mesh that bends.
     pub(crate) fn place(&self, instance: u32, fraction: f32) -> Affine3A {
-        match &self.animated[instance as usize].way {
+        match &self.animated[instance as usize].motion {
             InstanceMotion::Rigid(track) => track.at(fraction),
             InstanceMotion::Bending { .. } => Affine3A::IDENTITY,
         }
@@ -275,9 +275,9 @@ impl AnimatedInstances {
         self.animated.iter().filter(|m| !m.free).fold(Bounds::EMPTY, |b, m| b.union(m.boxes[0]))
     }
 
-    /// Whether a way is longer than its steps can follow.
+    /// Whether a motion is longer than its steps can follow.
     pub(crate) fn coarse(&self) -> bool {
-        self.animated.iter().any(|m| match &m.way {
+        self.animated.iter().any(|m| match &m.motion {
             InstanceMotion::Rigid(track) => track.coarse,
             InstanceMotion::Bending { coarse, .. } => *coarse,
         }) || self.lights.iter().flatten().any(|t| t.coarse)
@@ -285,19 +285,19 @@ impl AnimatedInstances {
 
     /// Bytes held.
     pub(crate) fn memory(&self) -> usize {
-        let way = |m: &AnimatedInstance| match &m.way {
+        let motion = |m: &AnimatedInstance| match &m.motion {
             InstanceMotion::Rigid(track) => track.keys.len() * size_of::<Affine3A>(),
             InstanceMotion::Bending { poses, hierarchies, .. } => {
                 let pose = |p: &Pose| p.positions.len() * 12 + p.normals.len() * 12 + p.tangents.len() * 16;
                 poses.iter().map(pose).sum::<usize>() + hierarchies.iter().map(Bvh::memory).sum::<usize>()
             }
         };
-        self.animated.iter().map(way).sum::<usize>() + self.segments.iter().map(Bvh::memory).sum::<usize>()
+        self.animated.iter().map(motion).sum::<usize>() + self.segments.iter().map(Bvh::memory).sum::<usize>()
     }
 
     /// Corners of a triangle by its number in the mesh (not by a hit), in world space.
     pub(crate) fn corners(&self, instance: u32, mesh: &Mesh, triangle: usize, fraction: f32) -> [Vec3; 3] {
-        match &self.animated[instance as usize].way {
+        match &self.animated[instance as usize].motion {
             InstanceMotion::Rigid(track) => {
                 let place = track.at(fraction);
                 mesh.corners(triangle).map(|c| place.transform_point3(c))
@@ -322,7 +322,7 @@ impl AnimatedInstances {
         triangle: u32,
         fraction: f32,
     ) -> MovedTriangle {
-        match &self.animated[instance as usize].way {
+        match &self.animated[instance as usize].motion {
             InstanceMotion::Rigid(track) => {
                 let place = track.at(fraction);
                 let shared = shared.expect("what is carried has a hierarchy");
@@ -373,7 +373,7 @@ impl AnimatedInstances {
     ) -> Option<Hit> {
         let instance = &self.animated[instance as usize];
         let found = Hit { t: 0.0, u: 0.0, v: 0.0, id: 0, slot: 0, instance: 0 };
-        match &instance.way {
+        match &instance.motion {
             InstanceMotion::Rigid(track) => {
                 let place = track.at(fraction);
                 // Scaled to nothing: not there.
@@ -566,7 +566,7 @@ fn segment_boxes(boxes: &[Bounds], segment: usize, count: usize) -> [Bounds; 2] 
     };
     let (from, to) = (segment as f32 / count as f32, (segment + 1) as f32 / count as f32);
     let [mut open, mut close] = [at(from), at(to)];
-    // Steps within the segment stand out of the straight way between its ends: widen both ends by the most that any does.
+    // Steps within the segment stand out of the straight line between its ends: widen both ends by the most that any does.
     let (mut below, mut above) = (Vec3::ZERO, Vec3::ZERO);
     for (k, inside) in boxes.iter().enumerate() {
         let fraction = k as f32 / steps as f32;

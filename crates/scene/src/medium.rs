@@ -202,7 +202,7 @@ impl Sigma {
         (throughput / throughput.element_sum()).dot(self.extinction * self.transmittance(distance))
     }
 
-    /// Flies over a distance (m) by two numbers, for a path of a throughput.
+    /// Samples a free-flight distance within a distance (m) by two numbers, for a path of a throughput.
     ///
     /// The distance is drawn for one of the wavelengths, each with a probability as its fraction of the throughput; the density is the mean over
     /// them (one-sample balance heuristic, Veach 1997; A. Wilkie et al. 2014).

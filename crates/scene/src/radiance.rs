@@ -91,7 +91,7 @@ impl Scene {
         self.radiance_along(&CameraPath::new(ray, *wavelengths, *sampler), settings)
     }
 
-    /// The same along a camera path.
+    /// The radiance along a camera path, with its width, its light paths and its weights of emitters: one random estimate as [`Scene::radiance`].
     pub fn radiance_along(&self, path: &CameraPath, settings: &PathSettings) -> SampledSpectrum {
         Transport { scene: self, settings }.follow(path, SampledSpectrum::ZERO)
     }

@@ -99,15 +99,15 @@ impl Scene {
         };
         let placed_area: Vec<Placed> = (0..area.len())
             .map(|i| {
-                let way = self.built.light_motions.get(i).copied().unwrap_or(LightMotion::Still);
-                Placed { bounds: self.swept_light(&area[i], way), flash: flash(i) }
+                let motion = self.built.light_motions.get(i).copied().unwrap_or(LightMotion::Still);
+                Placed { bounds: self.swept_light(&area[i], motion), flash: flash(i) }
             })
             .collect();
         let placed_punctual: Vec<Placed> = punctual
             .iter()
             .zip(&self.posed.animated.lights)
-            .map(|(light, way)| {
-                let track = way.as_ref();
+            .map(|(light, track)| {
+                let track = track.as_ref();
                 let bounds = track.and_then(|t| {
                     let boxes = (0..=64).map(|k| Vec3::from(t.at(k as f32 / 64.0).translation));
                     light.bounds().map(|b| b.anywhere_in(Bounds::around(boxes)))

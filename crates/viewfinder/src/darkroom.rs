@@ -188,7 +188,7 @@ impl Darkroom {
     }
 
     /// Whether a picture is under way.
-    pub fn works(&self) -> bool {
+    pub fn is_busy(&self) -> bool {
         lock(&self.inside).working.is_some()
     }
 

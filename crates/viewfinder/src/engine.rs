@@ -82,7 +82,7 @@ struct Exposed {
     plane: Arc<FocalPlane>,
     /// The same without the renderer's noise, once a frame has asked for it.
     denoised: Option<Arc<FocalPlane>>,
-    /// Whether that is of fewer samples or pixels, or was filtered in haste: it serves for the first frame of a change alone.
+    /// Whether that is of fewer samples or pixels, or was filtered coarsely: it serves for the first frame of a change alone.
     is_former: bool,
     /// The next sample.
     next: u32,
@@ -108,7 +108,7 @@ struct Engine<'a> {
 
 /// How a frame is made.
 #[derive(Clone, Copy, PartialEq)]
-enum Haste {
+enum FrameKind {
     /// The first of a change: in time, of all pixels or of fewer.
     First,
     /// Of all pixels; given up once something else is asked for.
@@ -257,19 +257,19 @@ impl Engine<'_> {
         session.prepared(found);
 
         // What is at hand, if it serves.
-        self.take_over(&file);
+        self.keep_or_drop_exposure(&file);
         let Some(shot) = &self.shot else { return Ok(()) };
         let spp = shot.settings.spp;
         if self.exposed.is_none() {
             let part = self.first_part(whole);
             self.expose(&file, whole, part, 0..1, &first_watch)?;
         }
-        let complete = self.send(asked, begun, prepared_s, whole, spp, Haste::First)?;
+        let complete = self.send(asked, begun, prepared_s, whole, spp, FrameKind::First)?;
         session.shown(asked);
-        self.let_it_be_shown()?;
+        self.wait_until_shown()?;
         if !complete {
             self.rest()?;
-            self.send(asked, begun, prepared_s, whole, spp, Haste::Whole)?;
+            self.send(asked, begun, prepared_s, whole, spp, FrameKind::Whole)?;
         }
 
         // The meter looks again.
@@ -300,9 +300,9 @@ impl Engine<'_> {
             let found = self.found(asked, full, warnings);
             session.prepared(found);
             if !same {
-                self.take_over(&file);
+                self.keep_or_drop_exposure(&file);
                 if self.exposed.is_some() {
-                    self.send(asked, begun, prepared_s, whole, spp, Haste::Whole)?;
+                    self.send(asked, begun, prepared_s, whole, spp, FrameKind::Whole)?;
                 }
             }
         }
@@ -322,8 +322,8 @@ impl Engine<'_> {
             };
             self.expose(&file, whole, part, samples.start..samples.end.min(spp), &watch)?;
             self.go_on()?;
-            self.send(asked, begun, prepared_s, whole, spp, Haste::Whole)?;
-            self.let_it_be_shown()?;
+            self.send(asked, begun, prepared_s, whole, spp, FrameKind::Whole)?;
+            self.wait_until_shown()?;
         }
     }
 
@@ -338,7 +338,7 @@ impl Engine<'_> {
     }
 
     /// Waits until a page has shown the latest frame, or for as long as that may take.
-    fn let_it_be_shown(&self) -> Result<(), Stopped> {
+    fn wait_until_shown(&self) -> Result<(), Stopped> {
         let until = Instant::now() + SHOWING;
         let shown = || self.session.shown_frame.load(Ordering::Relaxed) >= self.frames;
         while self.session.frames.receiver_count() > 0 && !shown() && Instant::now() < until {
@@ -363,7 +363,7 @@ impl Engine<'_> {
     }
 
     /// Keeps the exposure at hand if it is one of this shot, scaled where only its time differs and nothing moves; else drops it.
-    fn take_over(&mut self, file: &ShotFile) {
+    fn keep_or_drop_exposure(&mut self, file: &ShotFile) {
         let (Some(shot), Some(exposed)) = (&self.shot, &mut self.exposed) else { return };
         let (still, time_s) = (stands_still(shot), shot.shutter.unwrap_or(1.0));
         let key = exposure_key(shot, file, still);
@@ -430,10 +430,10 @@ impl Engine<'_> {
         prepared_s: f64,
         whole: [usize; 2],
         spp: u32,
-        haste: Haste,
+        frame_kind: FrameKind,
     ) -> Result<bool, Stopped> {
         let cancel = &self.session.cancel;
-        let go_on = || match haste == Haste::Whole && cancel.load(Ordering::Relaxed) {
+        let go_on = || match frame_kind == FrameKind::Whole && cancel.load(Ordering::Relaxed) {
             true => Err(Stopped::Cancelled),
             false => Ok(()),
         };
@@ -443,7 +443,7 @@ impl Engine<'_> {
         // Behind microlenses neighbours see other parts of the scene; without light there is nothing to denoise.
         let wanted = asked.shot.render.denoise != Some(Denoise::Off);
         let denoises = wanted && shot.camera.film.microlenses.is_none() && !shot.lens_cap;
-        let denoised = exposed.denoised.as_ref().filter(|_| denoises && (haste == Haste::First || !exposed.is_former));
+        let denoised = exposed.denoised.as_ref().filter(|_| denoises && (frame_kind == FrameKind::First || !exposed.is_former));
         let is_former = denoised.is_some() && exposed.is_former;
         let filters = denoises && denoised.is_none();
         let at_hand = denoised.unwrap_or(&exposed.plane);
@@ -451,28 +451,28 @@ impl Engine<'_> {
         // What is exposed for this frame has the size that its time allows.
         let takes_s = |n: usize| (pixels / (n * n)) as f64 * (self.development_s + if filters { self.denoising_s } else { 0.0 });
         let fits = |n: &usize| takes_s(*n) <= FIRST_DEVELOPED_S;
-        let reduces = haste == Haste::First && exposed.part <= 2 && shot.camera.film.microlenses.is_none();
+        let reduces = frame_kind == FrameKind::First && exposed.part <= 2 && shot.camera.film.microlenses.is_none();
         let factor = if reduces { (1..MOST_REDUCED).find(fits).unwrap_or(MOST_REDUCED) } else { 1 };
         let filtering = Instant::now();
         let shown = if factor > 1 { Arc::new(at_hand.reduced(factor)) } else { at_hand.clone() };
         let plane = if filters {
             let calm = frame::without_outliers(&shown);
-            Arc::new(match haste {
-                Haste::First => self.filter.denoise_coarsely(&calm)?,
-                Haste::Whole => self.filter.denoise_unless(&calm, cancel)?.ok_or(Stopped::Cancelled)?,
+            Arc::new(match frame_kind {
+                FrameKind::First => self.filter.denoise_coarsely(&calm)?,
+                FrameKind::Whole => self.filter.denoise_unless(&calm, cancel)?.ok_or(Stopped::Cancelled)?,
             })
         } else {
             shown
         };
-        // A smaller picture, a former one, or one that is filtered in haste, is followed by the whole one.
-        let complete = factor == 1 && !is_former && !(filters && haste == Haste::First);
+        // A smaller picture, a former one, or one that is filtered coarsely, is followed by the whole one.
+        let complete = factor == 1 && !is_former && !(filters && frame_kind == FrameKind::First);
         let size = [plane.width(), plane.height()];
         if filters {
-            if haste == Haste::First {
+            if frame_kind == FrameKind::First {
                 let pixel_s = filtering.elapsed().as_secs_f64() / (size[0] * size[1]) as f64;
                 self.denoising_s = 0.5 * self.denoising_s + 0.5 * pixel_s;
             }
-            (exposed.denoised, exposed.is_former) = (Some(plane.clone()), haste == Haste::First);
+            (exposed.denoised, exposed.is_former) = (Some(plane.clone()), frame_kind == FrameKind::First);
         }
         let denoised_s = begun.elapsed().as_secs_f64();
         let developing = Instant::now();

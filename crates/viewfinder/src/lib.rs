@@ -4,6 +4,8 @@
 //! set into frames; and the darkroom (`darkroom`), a thread that takes pictures in full. What they share is the `session`. The page lies in `web/`: plain
 //! modules that need no build.
 //!
+//! Begin with [`serve`]. Not here: rendering, metering and development (the crate `diopter`), pages for other machines than this one, more than one user.
+//!
 //! Security: loopback only; a random token (`guard`); nothing is read but what the command line names (`folders`); messages are bounded in size and
 //! rate (`protocol`, `server`). Nothing that a page sends is run or written to disk but shots, whose pictures go into a temporary folder.
 
@@ -98,7 +100,7 @@ pub fn serve(options: &Options, ready: impl FnOnce(&str), warn: &mut dyn FnMut(&
                 while !options.stop.load(Ordering::Relaxed) {
                     tokio::time::sleep(TICK).await;
                     session.tick(std::time::Instant::now());
-                    if told.elapsed() >= PROGRESS && session.darkroom.works() {
+                    if told.elapsed() >= PROGRESS && session.darkroom.is_busy() {
                         told = std::time::Instant::now();
                         session.publish();
                     }

@@ -63,7 +63,7 @@ pub struct Contrast {
 
 /// Rays of one wavelength.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Landed {
+pub struct SpotRays {
     /// nm.
     pub nm: f64,
     /// Root mean square distance from their own mean, µm.
@@ -88,7 +88,7 @@ pub struct PointImage {
     /// The lens is another one in other directions, and the bench looks along the vertical.
     pub along_vertical: bool,
     /// Spot diagram by wavelengths; empty of ideal lenses.
-    pub spot: Vec<Landed>,
+    pub spot: Vec<SpotRays>,
     /// Diameter of the blur disk of an ideal lens, µm.
     pub disk_um: Option<f64>,
     /// Radius of the first dark ring of a perfect lens's image, µm: 1.22 λ N on the axis, at the reference wavelength.
@@ -171,7 +171,7 @@ fn traced(lens: &CompoundLens, field_deg: f64, object_m: Option<f64>) -> Option<
     let middle = spots.iter().find(|s| s.nm == reference).or(spots.first())?.centroid;
     // Hundredths of a µm are a fiftieth of a wavelength.
     let um = |mm: f64| (1e5 * mm).round() / 100.0;
-    let landed = |s: &Spot| Landed {
+    let spot_rays = |s: &Spot| SpotRays {
         nm: s.nm,
         rms_um: 1000.0 * s.rms,
         points_um: s.points.iter().map(|p| (*p - middle).to_array().map(um)).collect(),
@@ -180,7 +180,7 @@ fn traced(lens: &CompoundLens, field_deg: f64, object_m: Option<f64>) -> Option<
         mtf: FREQUENCIES.iter().enumerate().map(contrast).collect(),
         geometric: mtf.geometric,
         along_vertical: !lens.system().is_rotational(),
-        spot: spots.iter().map(landed).collect(),
+        spot: spots.iter().map(spot_rays).collect(),
         airy_um: airy_um(reference, working),
         ..Default::default()
     })

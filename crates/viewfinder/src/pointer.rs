@@ -66,7 +66,7 @@ pub fn field_deg(live: &Live, film: DVec2) -> Option<f64> {
     Some(ray.direction.truncate().length().atan2(-ray.direction.z).to_degrees())
 }
 
-/// The same of a place of the picture, 0 to 1 across and down.
+/// Field angle, degrees, of a place of the picture, 0 to 1 across and down.
 pub fn field_at(live: &Live, place: [f64; 2]) -> Option<f64> {
     field_deg(live, film_point(live, place))
 }

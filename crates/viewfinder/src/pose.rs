@@ -26,7 +26,7 @@ pub struct Pose {
     pub eye: Vec3,
     /// What it is aimed at, m.
     pub target: Vec3,
-    /// What is up in the picture.
+    /// Up vector of the picture.
     pub up: Vec3,
 }
 

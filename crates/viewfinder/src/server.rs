@@ -283,7 +283,7 @@ async fn socket(State(server): State<Arc<Server>>, headers: HeaderMap, upgrade: 
     }
     let open = OpenPage(server);
     upgrade.max_message_size(LARGEST_MESSAGE).max_frame_size(LARGEST_MESSAGE).on_upgrade(move |socket| async move {
-        talk(socket, &open.0).await;
+        serve_socket(socket, &open.0).await;
         drop(open);
     })
 }
@@ -298,7 +298,7 @@ impl Drop for OpenPage {
 }
 
 /// Talks to a page until it goes. One frame at a time is under way: the next is sent when the page has shown it, and is then the latest there is.
-async fn talk(mut socket: WebSocket, server: &Arc<Server>) {
+async fn serve_socket(mut socket: WebSocket, server: &Arc<Server>) {
     let session = &server.session;
     let mut states = session.state.subscribe();
     let mut frames = session.frames.subscribe();

@@ -15,6 +15,7 @@ use std::fmt::Write as _;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(verb: &BodyVerb, json: bool) -> anyhow::Result<()> {
     match verb {
         BodyVerb::List => list(json),

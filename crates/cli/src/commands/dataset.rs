@@ -19,6 +19,7 @@ use std::sync::Arc;
 /// Items that are listed by default.
 const LISTED: u64 = 10;
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(verb: &DatasetVerb, json: bool) -> anyhow::Result<()> {
     match verb {
         DatasetVerb::Make { spec, output } => make(spec, output, json),

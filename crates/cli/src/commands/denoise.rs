@@ -10,6 +10,7 @@ use diopter::develop::denoise::{self, Denoised};
 use diopter::image::focal_plane::FocalPlaneSource;
 use std::path::Path;
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(input: &Path, output: &Path, by: Denoise, oidn: Option<&Path>, json: bool) -> anyhow::Result<()> {
     output::distinct([input], [output])?;
     let to = output::prepare_exr(output)?;

@@ -18,6 +18,7 @@ use std::sync::atomic::Ordering;
 /// What stands for the name of the raw file.
 const NAME: &str = "{}";
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &Develop, json: bool) -> anyhow::Result<()> {
     let mut recipe = Recipe::default();
     args.developing.apply(&mut recipe)?;

@@ -11,6 +11,7 @@ use diopter::events::{EventFilm, read_event_sensor, take};
 use std::io::Write;
 use std::path::Path;
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &EventsArgs, json: bool) -> anyhow::Result<()> {
     let _held = watch::hold();
     let file = args.taking.shot_file()?;

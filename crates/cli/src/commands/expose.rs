@@ -12,6 +12,7 @@ use anyhow::anyhow;
 use diopter::shot::{FireflyChoice, Sequence, Shot};
 use std::time::Instant;
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
     let _held = watch::hold();
     let mut file = args.taking.shot_file()?;

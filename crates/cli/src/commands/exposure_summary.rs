@@ -10,16 +10,7 @@ pub fn setting(f: &ExposureFacts) -> String {
     let time = if f.exposure_s < 0.3 { format!("1/{:.0} s", 1.0 / f.exposure_s) } else { format!("{:.1} s", f.exposure_s) };
     let aperture = FNumber((f.f_number * 100.0).round() / 100.0);
     let at = if f.at_s > 0.0 { format!("   at {:.4} s", f.at_s) } else { String::new() };
-    format!("{time}   {aperture}   ISO {:.0}{at}", speed(f))
-}
-
-/// ISO speed of a picture, or the one set for an exposure that has not been read out.
-fn speed(f: &ExposureFacts) -> f64 {
-    match (f.iso > 0.0, f.iso_set > 0.0) {
-        (true, _) => f.iso,
-        (false, true) => f.iso_set,
-        _ => 100.0,
-    }
+    format!("{time}   {aperture}   ISO {:.0}{at}", f.speed().unwrap_or(100.0))
 }
 
 /// Says what a meter reads of light that was scaled by its mean luminance, where that is not the same.
@@ -44,7 +35,7 @@ pub fn display(f: &ExposureFacts, width: usize, height: usize, seconds: f64) -> 
         Some(ev) => {
             let stop = if f.t_number > 0.0 { f.t_number } else { f.f_number };
             let time = f.shutter.as_ref().map_or(f.exposure_s, |s| s.effective_s);
-            let off = ev - ev100_of_setting(stop, time, speed(f));
+            let off = ev - ev100_of_setting(stop, time, f.speed().unwrap_or(100.0));
             format!("scene EV {ev:.1} ({}), exposure {} EV", f.metering, signed(off))
         }
     };

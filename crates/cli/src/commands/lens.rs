@@ -47,6 +47,7 @@ macro_rules! verbs {
         }
 
         impl LensVerb {
+            /// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
             pub fn run(&self, global: &GlobalFlags) -> anyhow::Result<()> {
                 match self {
                     $(LensVerb::$verb(asked) => asked.run(global),)*

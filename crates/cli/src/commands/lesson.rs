@@ -54,6 +54,7 @@ const EXCERPT: usize = 24;
 /// Page that lists those of `lesson all`.
 const INDEX: &str = "index.md";
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &LessonArgs, threads: Option<NonZeroUsize>, json: bool) -> anyhow::Result<()> {
     if args.name == "list" {
         return list(json);

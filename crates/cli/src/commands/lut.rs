@@ -12,6 +12,7 @@ use diopter::shot::ShotError;
 use std::io::Write;
 use std::path::Path;
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(verb: &LutVerb, json: bool) -> anyhow::Result<()> {
     match verb {
         LutVerb::Info { file } => {

@@ -9,6 +9,7 @@ use clap_mangen::Man;
 use std::io::Write;
 use std::path::Path;
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn completions(shell: clap_complete::Shell) -> anyhow::Result<()> {
     let mut text = Vec::new();
     clap_complete::generate(shell, &mut help::command(), "diopter", &mut text);

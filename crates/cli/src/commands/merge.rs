@@ -11,6 +11,7 @@ use diopter::hdr;
 use diopter::image::RawImage;
 use diopter::image::focal_plane::{FocalPlaneSource, Merged};
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
     output::distinct(args.parts.iter().map(|p| p.as_path()), [args.output.as_path()])?;
     let raws = args.parts.iter().filter(|p| matches!(output::kind(p), Ok(Kind::Dng))).count();

@@ -15,6 +15,7 @@ use diopter::sensor::format::{FORMATS, Format};
 use diopter::shot::ShotError;
 use std::time::Instant;
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &QuickLook, json: bool) -> anyhow::Result<()> {
     output::distinct([args.picture.as_path()], [args.output.as_path()])?;
     let wrong = |text: String| anyhow::Error::from(UsageError(anyhow!(text)));

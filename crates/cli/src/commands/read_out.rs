@@ -25,6 +25,7 @@ const HALO: usize = 1;
 /// Most raw files of one run: as many as a film has frames.
 const MOST_SHOTS: usize = 1_000_000;
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
     if args.shots.get() > MOST_SHOTS {
         let wrong =

@@ -13,6 +13,7 @@ use std::collections::HashSet;
 use std::io::Write;
 use std::path::Path;
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &RigArgs, json: bool) -> anyhow::Result<()> {
     let _held = watch::hold();
     let rig = Rig::read(&args.rig)?;

@@ -25,7 +25,7 @@ const CELL: usize = 480;
 /// Numbers of focal planes that are kept for other pictures (16 bytes each with errors and truth).
 const KEPT_NUMBERS: usize = 50_000_000;
 
-/// Of a sheet file.
+/// Renders the contact sheet that a sheet file describes. Fails with what the user is told.
 pub fn run(args: &Sheet, json: bool) -> anyhow::Result<()> {
     let _held = watch::hold();
     let mut file = SheetFile::read(&args.sheet)?;
@@ -39,7 +39,7 @@ pub fn run(args: &Sheet, json: bool) -> anyhow::Result<()> {
     make(&file, &cells, folder, outputs, args.max_memory, json)
 }
 
-/// Of the flags of `shoot`; `shot` is what they say.
+/// Renders the contact sheet of the flags of `shoot`; `shot` is what they say.
 pub fn of_shot(args: &Shoot, shot: ShotFile, json: bool) -> anyhow::Result<()> {
     let file = SheetFile {
         title: args.sheet_title.clone(),

@@ -23,6 +23,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     let _held = watch::hold();
     let started = Instant::now();

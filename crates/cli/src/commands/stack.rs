@@ -13,6 +13,7 @@ use diopter::image::{Picture, RawImage};
 use diopter::shot::ShotError;
 use std::path::PathBuf;
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &Stack, json: bool) -> anyhow::Result<()> {
     output::distinct(args.raw.iter().map(|p| p.as_path()), args.output.iter().map(|p| p.as_path()))?;
     let outputs = prepare(&args.output)?;

@@ -8,6 +8,7 @@ use crate::watch::{self, say, warn};
 use diopter_viewfinder::{Options, ServeError};
 use std::process::{Command, Stdio};
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &Viewfinder, json: bool) -> anyhow::Result<()> {
     let _held = watch::hold();
     let options = Options {

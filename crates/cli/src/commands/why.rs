@@ -28,6 +28,7 @@ fn has_ending(path: &Path, ending: &str) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending))
 }
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(asked: &args::Why, json: bool) -> anyhow::Result<()> {
     if let Some(path) = asked.output.as_deref().filter(|p| document::kind(p).is_none()) {
         return Err(UsageError(anyhow!("{}: expected a name that ends in .html or .pdf", path.display())).into());

@@ -13,8 +13,8 @@ pub const REACH: usize = AROUND;
 /// Both halves stand out of what lies around by this factor at least. What is fainter leaks by less than noise: neighbours that differ so much count by 10⁻³ and less.
 const STANDS_OUT: f32 = 50.0;
 
-/// Takes highlights out of both halves, `[half][band][pixel]`, of `w` pixels a row: each gets the median of what lies around. Returns where they were, by rising index.
-pub fn take_out(halves: &mut [Planes; 2], w: usize) -> Vec<usize> {
+/// Removes highlights from both halves, `[half][band][pixel]`, of `w` pixels a row: each gets the median of what lies around. Returns where they were, by rising index.
+pub fn remove(halves: &mut [Planes; 2], w: usize) -> Vec<usize> {
     let size = halves[0][0].len();
     let h = size / w;
     // Of all bands, in both halves: rare paths of one half alone are none.

@@ -8,7 +8,7 @@ use crate::moving_part::MovingState;
 use diopter_image::RowTimes;
 use glam::{Affine3A, DAffine3, DMat3, DMat4, DQuat, DVec3};
 
-/// OpenCV's camera axes from OpenGL's, and the other way: y and z turn round.
+/// OpenCV's camera axes from OpenGL's, and the other motion: y and z turn round.
 const FLIP: DMat3 = DMat3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z);
 
 /// A place of the camera at a moment of an exposure.
@@ -66,7 +66,7 @@ fn place(at: Affine3A) -> DAffine3 {
 }
 
 /// Start, middle and end of the time that is open: of all of the picture, or where rows follow each other, of its first, middle and last one. `size`: columns and rows.
-pub fn poses(way: &CameraMotion, times: &RowTimes, size: [usize; 2]) -> Vec<Pose> {
+pub fn poses(motion: &CameraMotion, times: &RowTimes, size: [usize; 2]) -> Vec<Pose> {
     let lines = size[usize::from(!times.columns)];
     let run = times.open_s[1] != 0.0 || times.close_s[1] != 0.0;
     let which: Vec<Option<usize>> =
@@ -77,7 +77,7 @@ pub fn poses(way: &CameraMotion, times: &RowTimes, size: [usize; 2]) -> Vec<Pose
             row,
             when,
             time_s,
-            world_from_camera: place(way.at(time_s)),
+            world_from_camera: place(motion.at(time_s)),
         })
     };
     which.into_iter().flat_map(of).collect()
@@ -105,14 +105,14 @@ mod tests {
 
     #[test]
     fn rows_that_follow_each_other_have_poses_of_their_own() {
-        let way = CameraMotion::sampled(1.0, |t| Affine3A::from_translation(Vec3::X * t as f32));
-        let all = poses(&way, &RowTimes { open_s: [0.0, 0.1], close_s: [0.1, 0.1], columns: false }, [16, 9]);
+        let motion = CameraMotion::sampled(1.0, |t| Affine3A::from_translation(Vec3::X * t as f32));
+        let all = poses(&motion, &RowTimes { open_s: [0.0, 0.1], close_s: [0.1, 0.1], columns: false }, [16, 9]);
         assert_eq!(all.len(), 9);
         let last = all[8];
         assert!(last.row == Some(8) && last.when == "end" && (last.world_from_camera.translation.x - 0.9).abs() < 1e-6);
         let frame = Frame { picture: String::new(), at_s: 0.0, poses: all, moving: Vec::new() };
         assert_eq!(frame.middle().map(|p| (p.row, p.when)), Some((Some(4), "middle")));
-        let global = poses(&way, &RowTimes { open_s: [0.0; 2], close_s: [1.0, 0.0], columns: false }, [16, 9]);
+        let global = poses(&motion, &RowTimes { open_s: [0.0; 2], close_s: [1.0, 0.0], columns: false }, [16, 9]);
         assert!(global.len() == 3 && global[1].row.is_none() && (global[1].world_from_camera.translation.x - 0.5).abs() < 1e-6);
     }
 }

@@ -31,7 +31,7 @@ enum Column {
 
 impl Column {
     /// Adds a value at a row; whole numbers become numbers, and all becomes text, where values of several kinds meet.
-    fn put(&mut self, row: usize, value: &Value) {
+    fn write(&mut self, row: usize, value: &Value) {
         fn set<T>(values: &mut Vec<Option<T>>, row: usize, value: T) {
             values.resize_with(row, || None);
             values.push(Some(value));
@@ -232,7 +232,7 @@ impl Table {
                 columns.push((name, Column::Empty));
                 columns.len() - 1
             });
-            columns[place].1.put(self.rows, &value);
+            columns[place].1.write(self.rows, &value);
         }
         self.rows += 1;
     }
@@ -322,9 +322,9 @@ mod tests {
     #[test]
     fn kinds_of_values_meet_as_text() {
         let mut column = Column::Empty;
-        [json!(null), json!(1), json!(2.5)].iter().enumerate().for_each(|(row, v)| column.put(row, v));
+        [json!(null), json!(1), json!(2.5)].iter().enumerate().for_each(|(row, v)| column.write(row, v));
         assert!(matches!(&column, Column::Number(v) if *v == [None, Some(1.0), Some(2.5)]));
-        column.put(4, &json!("auto"));
+        column.write(4, &json!("auto"));
         assert!(
             matches!(&column, Column::Text(v) if v[2] == Some("2.5".into()) && v[3].is_none() && v[4] == Some("auto".into()))
         );

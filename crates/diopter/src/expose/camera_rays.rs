@@ -36,16 +36,16 @@ pub(super) struct CameraRay {
     pub displaced: Option<Displaced>,
     /// Film points where the light would have arrived without diffraction, mm.
     pub arrived: [DVec2; 4],
-    /// Where wavelengths land, where that is not the pixel itself.
+    /// Pixels where wavelengths arrive, where that is not the pixel itself.
     pub spread: Option<Spread>,
     /// What the lens drew, where light is traced from lamps, too.
     pub drawn: Option<CameraSample>,
 }
 
-/// Where the wavelengths of a sample land.
+/// Where the wavelengths of a sample arrive.
 pub(super) struct Spread {
     /// Pixels; `None` beside the film, or between pixels.
-    pub lands: [Option<(usize, usize)>; 4],
+    pub pixels: [Option<(usize, usize)>; 4],
     /// When these are open, s.
     pub windows: [Option<(f64, f64)>; 4],
     /// Where the pixel as a whole lands, where that is asked for.
@@ -82,7 +82,7 @@ impl PupilSampler for FromSensor<'_> {
     }
 
     fn density(&self, _: &PupilTable, lane: usize, film: DVec2, slope: DVec2) -> f64 {
-        let sensor = self.behind.lands(film, slope);
+        let sensor = self.behind.on_sensor(film, slope);
         match self.film.collects(sensor + self.shifts[lane]) {
             true => self.behind.density(sensor),
             false => 0.0,
@@ -232,7 +232,7 @@ impl Unit<'_> {
                 }
                 self.block_other_half(&packet, out);
                 if attempt > 0 {
-                    exits.take_missing(&again);
+                    exits.fill_missing(&again);
                 }
             }
             let passed = (0..count).filter(|k| exits.passed >> k & 1 == 1);
@@ -287,11 +287,11 @@ impl Unit<'_> {
             false => [Some((x, y)); 4],
             true => std::array::from_fn(|c| {
                 let [x, y] = match &self.behind {
-                    None => exits.lands[k][c],
+                    None => exits.film_points[k][c],
                     Some(behind) => {
-                        let [at, slope] = [exits.lands[k][c], exits.slopes[k][c]];
+                        let [at, slope] = [exits.film_points[k][c], exits.slopes[k][c]];
                         let [at, slope] = [at, slope].map(|v| glam::Vec2::from_array(v).as_dvec2());
-                        behind.lands(at, slope).as_vec2().to_array()
+                        behind.on_sensor(at, slope).as_vec2().to_array()
                     }
                 };
                 let at = [x + shift.x as f32, y + shift.y as f32];
@@ -304,7 +304,7 @@ impl Unit<'_> {
         let union = |a: (f64, f64), w: (f64, f64)| (a.0.min(w.0), a.1.max(w.1));
         let mut all = windows.iter().copied().flatten().fold((f64::INFINITY, f64::NEG_INFINITY), union);
         let footprints = match spread && uses_variate {
-            true => self.footprints([x, y], started, &exits.lands[k]),
+            true => self.footprints([x, y], started, &exits.film_points[k]),
             false => None,
         };
         if let Some(footprints) = &footprints
@@ -337,10 +337,10 @@ impl Unit<'_> {
             (false, false) => [exits.weight[k][0]; 4],
         };
         let arrived = match spread {
-            true => exits.lands[k].map(|land| glam::Vec2::from_array(land).as_dvec2() + filter),
+            true => exits.film_points[k].map(|land| glam::Vec2::from_array(land).as_dvec2() + filter),
             false => [started + filter; 4],
         };
-        let spread = spread.then_some(Spread { lands, windows, footprints, time, pupil });
+        let spread = spread.then_some(Spread { pixels: lands, windows, footprints, time, pupil });
         let pixel = [x, y];
         Some(CameraRay { pixel, sampler, ray, wavelengths, exposure, weights, factors, displaced, arrived, spread, drawn })
     }

@@ -5,7 +5,7 @@
 //! gathers its own samples. The four wavelengths of a path share the displacement, which each of them could have drawn: they are weighted by their
 //! density over the mean of the four (balance heuristic, Veach & Guibas 1995), behind a lens with dispersion together with the densities of the ray.
 //!
-//! Lamps are so bright that what they send far out would be noise of rare samples: see [`super::stars`].
+//! Lamps are so bright that what they send far out would be noise of rare samples: see [`super::starbursts`].
 
 use crate::camera::{Camera, Film};
 use diopter_lens::Lens;
@@ -65,7 +65,7 @@ pub(super) struct Displaced {
 }
 
 impl Optics {
-    /// Of a camera; `None` where nothing is diffracted. `electrons`: the film counts electrons.
+    /// The diffraction of a camera; `None` where nothing is diffracted. `electrons`: the film counts electrons.
     pub fn of(camera: &Camera, setting: Diffraction, electrons: bool) -> Option<Optics> {
         let Diffraction::On { white_e } = setting else { return None };
         let film = &camera.film;

@@ -3,7 +3,7 @@
 //! Behind a lens that disperses, the four wavelengths of a sample land at places of their own. How many land in a pixel is up to chance, and that alone
 //! makes an even field noisy: pixels as small as the colours are spread have 0.5 / √n of noise from n samples. But how many land is known: over all film points of a
 //! pixel from which samples start, a wavelength that goes through a place of the pupil lands evenly over a square as large as the pixel, displaced as the wavelength is.
-//! So the part of a sample that could be foretold, c, is taken from where it landed and given to the pixels below the square, by how much of it each holds.
+//! So the part of a sample that could be predicted, c, is taken from where it landed and given to the pixels below the square, by how much of it each holds.
 //! That changes no mean, whatever c is, as long as it does not depend on where in the pixel the sample started: c comes from the sample of the *other* replicate that
 //! follows or precedes it and from the same two samples of pixels before, which are drawn independently (where pixels lend one another light they are not, and are not asked). So it does not depend on which samples are taken at once, either: parts
 //! of an exposure that hold whole pairs merge to the whole.
@@ -103,7 +103,7 @@ impl Roots {
     }
 
     /// Radiance to be expected in each bin, where another sample of the same pixel had these: less than the mean where radiances differ within the bins, or the other sample
-    /// is darker. Where they differ by all of their mean, as on both sides of an edge before the dark, nothing can be foretold, and light must not be taken from pixels
+    /// is darker. Where they differ by all of their mean, as on both sides of an edge before the dark, nothing can be predicted, and light must not be taken from pixels
     /// that have none.
     fn expected(&self, other: &Roots) -> [f32; BINS] {
         let roots: [f32; BINS] = std::array::from_fn(|k| self.sum[k] / self.count[k].max(1e-6));
@@ -195,21 +195,21 @@ impl Around {
 }
 
 impl DispersionVariate {
-    /// For some samples of the pixels of some columns; `asks_neighbors`: whether samples of pixels before are independent of those of a pixel. `None` where a sample says something of where another one starts in its pixel, or where pixels have gaps between
+    /// For some samples of the pixels of some columns; `asks_neighbours`: whether samples of pixels before are independent of those of a pixel. `None` where a sample says something of where another one starts in its pixel, or where pixels have gaps between
     /// them.
     pub fn new(
         samples: &Range<u32>,
         columns: Range<usize>,
         sampler: SamplerKind,
         film: &Film,
-        asks_neighbors: bool,
+        asks_neighbours: bool,
     ) -> Option<DispersionVariate> {
         let apply = matches!(sampler, SamplerKind::Sobol | SamplerKind::Independent) && film.gap_mm == [0.0; 2];
         let pairs = (samples.end.div_ceil(2) - samples.start / 2) as usize;
         apply.then(|| DispersionVariate {
             first: samples.start / 2,
             pairs,
-            weight_of_before: if asks_neighbors { WEIGHT_OF_BEFORE } else { 0.0 },
+            weight_of_before: if asks_neighbours { WEIGHT_OF_BEFORE } else { 0.0 },
             left: columns.start,
             before: vec![Roots::default(); pairs * columns.len()],
             hits: Vec::new(),

@@ -22,7 +22,7 @@
 //! # How many
 //!
 //! Of every surface that shines 32 rays are run to the film without anything in the way ([`Pilot`]). They tell where its light lands, over how many
-//! pixels, and what fraction of the camera samples there meets it. Lamps that share a disk share its samples by their light. What at least [`BUSY`] of
+//! pixels, and what fraction of the camera samples there meets it. Lamps that share a disk share its samples by their light. What at least [`MAX_HIT_FRACTION`] of
 //! the camera samples meet gets none: it is large, or sharp. Numbers depend on scene, camera and film alone.
 //!
 //! # Numbers
@@ -66,7 +66,7 @@ const SAMPLES_A_PIXEL: f64 = 16.0;
 /// Most light samples for each pixel of the film and each sample of it.
 const MOST_A_PIXEL: f64 = 2.0;
 /// Fraction of camera samples that meet a lamp, within its disk, from which on it is left to them: their variance is little there, but at the edge.
-const BUSY: f64 = 0.6;
+const MAX_HIT_FRACTION: f64 = 0.6;
 /// Light samples of a chunk.
 const CHUNK: u32 = 2048;
 /// Chunks for each thread that are traced before their sums are added.
@@ -256,7 +256,7 @@ impl<'a> LightTracing<'a> {
     }
 
     /// Runs rays to the film: a bit for each that a camera sample could have drawn. `shifts`: by which light is moved on the film before it is collected, mm.
-    fn land(
+    fn trace_to_film(
         camera: &Camera,
         starts: &[Option<Start>; LANES],
         nm: [[f32; 4]; LANES],
@@ -285,7 +285,7 @@ impl<'a> LightTracing<'a> {
                     exits.passed |= 1 << i;
                     exits.origin[i] = entry.origin_mm.as_vec3().to_array();
                     exits.direction[i] = start.direction.as_vec3().to_array();
-                    exits.lands[i] = [entry.film.as_vec2().to_array(); 4];
+                    exits.film_points[i] = [entry.film.as_vec2().to_array(); 4];
                     (exits.weight[i], exits.density[i]) = ([entry.weight_sr as f32; 4], [entry.density as f32; 4]);
                 }
             }
@@ -308,10 +308,10 @@ impl<'a> LightTracing<'a> {
         }
         let (mut scratch, mut exits) = (Scratch::default(), ExitRays::default());
         let nm = EntryRays::default().nm;
-        LightTracing::land(camera, &starts, nm, &[DVec2::ZERO; LANES], &mut scratch, &mut exits);
+        LightTracing::trace_to_film(camera, &starts, nm, &[DVec2::ZERO; LANES], &mut scratch, &mut exits);
         let (mut places, mut hits, mut flux) = (Vec::new(), 0.0, 0.0);
         for (i, start) in starts.iter().enumerate().filter(|(i, _)| exits.passed >> i & 1 == 1) {
-            let (Some(start), Some((x, y))) = (start, camera.pixel_of(exits.lands[i][0])) else { continue };
+            let (Some(start), Some((x, y))) = (start, camera.pixel_of(exits.film_points[i][0])) else { continue };
             let density = mean(exits.density[i]);
             places.push(DVec2::new(x as f64, y as f64));
             hits += density / (camera.film.collecting_area_mm2() * start.density) / LANES as f64;
@@ -367,7 +367,7 @@ impl<'a> LightTracing<'a> {
                 starts[i] = self.start(camera, number as u32, [pu, pv], [u, v], time);
                 drawn[i] = Some(Drawn { number: number as u32, wavelengths, t, time });
             }
-            LightTracing::land(camera, &starts, nm, &shifts, &mut scratch, &mut exits);
+            LightTracing::trace_to_film(camera, &starts, nm, &shifts, &mut scratch, &mut exits);
             for i in (0..LANES).filter(|i| exits.passed >> i & 1 == 1) {
                 if let (Some(drawn), Some(start)) = (&drawn[i], &starts[i]) {
                     self.count(unit, drawn, start, shifts[i], &exits, i, &mut splats);
@@ -388,7 +388,7 @@ impl<'a> LightTracing<'a> {
             false => 0.0,
         };
         let lands: [Option<(usize, usize)>; 4] = std::array::from_fn(|c| {
-            let [x, y] = exits.lands[lane][c];
+            let [x, y] = exits.film_points[lane][c];
             let at = [x + shift.x as f32, y + shift.y as f32];
             let collected = exits.weight[lane][c] > 0.0 && film.collects(glam::Vec2::from_array(at).as_dvec2());
             camera.pixel_of(at).filter(|_| collected)
@@ -494,7 +494,7 @@ fn wanted(pilots: &[Option<Pilot>]) -> Vec<f64> {
             .filter_map(|key| disks.get(&key))
             .map(|d| d.hits)
             .sum();
-        (disk.hits / disk.area).max(around / (9.0 * f64::from(level).exp2().powi(2))) >= BUSY
+        (disk.hits / disk.area).max(around / (9.0 * f64::from(level).exp2().powi(2))) >= MAX_HIT_FRACTION
     };
     let count = |p: &Pilot| {
         let key = key(p);

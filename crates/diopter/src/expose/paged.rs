@@ -117,7 +117,7 @@ impl FocalPlaneSource for ExposedRows<'_> {
             let samples = &self.exposed.sums.samples;
             of_row(samples, numbers, width, 0..bands, [&mut mean.data[place.clone()], &mut half_difference.data[place.clone()]]);
             if let Some((direct, unused)) = &mut direct {
-                // Without fireflies and stars they follow the bands.
+                // Without fireflies and starbursts they follow the bands.
                 of_row(samples, numbers, width, bands..2 * bands, [&mut direct.data[place], &mut unused[..]]);
             }
         }

@@ -1,5 +1,5 @@
 //! Which pixels lend one another light ([`diopter_scene::Scene::trace_group`]): a tile is divided into blocks, a block into cells, and of every cell each group of the block has one pixel, by chance.
-//! Errors of a group's pixels are alike: so spread they look like noise, and most neighbors are of different groups.
+//! Errors of a group's pixels are alike: so spread they look like noise, and most neighbours are of different groups.
 
 use super::TILE;
 use crate::camera::Film;
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn neighbors_are_mostly_of_different_groups() {
+    fn neighbours_are_mostly_of_different_groups() {
         let groups = PixelGroups::new(&Film::new(36.0, 24.0, 640, 640));
         let all = (0..64).flat_map(|y| (0..64).map(move |x| [x, y]));
         let same = all.filter(|[x, y]| groups.of([*x, *y]) == groups.of([x + 1, *y])).count();

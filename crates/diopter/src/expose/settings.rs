@@ -109,7 +109,7 @@ impl Settings {
 pub enum Integrator {
     /// Paths from the camera only.
     Path,
-    /// The same; pixels lend one another the light that their paths found, so that indirect light is far less noisy and errors of pixels that are some apart are alike. Alone where that is
+    /// The same; light that the paths of one pixel found is reused by others, so that indirect light is far less noisy and errors of pixels that are some apart are alike. Alone where that is
     /// not to be had: where something moves or flickers, in fog, with Gaussian splats and surfaces with soft holes, and where light is polarised.
     PathReuse,
     /// And photons for the caustics of all lamps that are not the environment, and light traced from small lamps out of focus.
@@ -117,7 +117,7 @@ pub enum Integrator {
     /// And connections of camera paths with light paths from the lamps (bidirectional path tracing); photons where `auto` would make them.
     Bidirectional,
     /// Photons for the caustics of small lamps where smooth bodies of glass or metal throw them, light traced from small lamps out of focus, connections where
-    /// they take away far more noise than they cost; paths from the camera elsewhere, whose light pixels lend one another where that takes noise away.
+    /// they take away far more noise than they cost; paths from the camera elsewhere, whose light is reused by other pixels where that takes noise away.
     #[default]
     Auto,
 }
@@ -132,7 +132,7 @@ impl Integrator {
         ("auto", Integrator::Auto),
     ];
 
-    /// By its name.
+    /// The setting of a name; `None` of an unknown one.
     pub fn by_name(name: &str) -> Option<Self> {
         Self::NAMES.iter().find(|n| n.0 == name).map(|n| n.1)
     }

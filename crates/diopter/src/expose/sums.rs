@@ -2,7 +2,7 @@
 
 use super::TILE;
 use super::fireflies::Cascade;
-use super::stars::Stars;
+use super::starbursts::Starbursts;
 use crate::row_store::RowStore;
 use crate::stray::colors_of;
 use diopter_image::Raster;
@@ -19,7 +19,7 @@ use std::ops::{ControlFlow, Range};
 /// the pass under way.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sums<S = Raster<f64>> {
-    /// `[row][column][band][replicate]`; where fireflies are re-weighted, after the bands those of the buffers of the cascade; where lamps make stars, after
+    /// `[row][column][band][replicate]`; where fireflies are re-weighted, after the bands those of the buffers of the cascade; where lamps make starbursts, after
     /// these what they send out; where direct light is recorded, after these what of the bands is direct, and of what lamps send out.
     pub(crate) sums: S,
     /// Samples of the finished passes.
@@ -59,6 +59,7 @@ pub(super) struct Splats {
 }
 
 impl Splats {
+    /// No light yet: of samples of a replicate (0 or 1) in so many bands; `apart`: whether direct light is summed beside it.
     pub fn new(replicate: usize, bands: usize, apart: bool) -> Self {
         Splats { replicate, bands, apart, pixels: Vec::new(), values: Vec::new() }
     }
@@ -189,12 +190,18 @@ pub(super) struct Finished {
 }
 
 impl Sums {
-    /// Mean and half difference of the replicates, with the stars of lamps. `direct`: where the sums of direct light begin, if there are any.
-    pub(super) fn finish(&self, bands: usize, cascade: Option<Cascade>, stars: Option<Stars>, direct: Option<usize>) -> Finished {
+    /// Mean and half difference of the replicates, with the starbursts of lamps. `direct`: where the sums of direct light begin, if there are any.
+    pub(super) fn finish(
+        &self,
+        bands: usize,
+        cascade: Option<Cascade>,
+        starbursts: Option<Starbursts>,
+        direct: Option<usize>,
+    ) -> Finished {
         let (mut mean, mut half_difference, removed) = self.without_stars(bands, cascade);
         let mut direct = direct.map(|from| self.direct(from, &mean));
-        if let Some(stars) = stars {
-            stars.spread(&self.sums, &self.samples, [&mut mean, &mut half_difference], direct.as_mut());
+        if let Some(starbursts) = starbursts {
+            starbursts.spread(&self.sums, &self.samples, [&mut mean, &mut half_difference], direct.as_mut());
         }
         Finished { mean, half_difference, removed, direct }
     }
@@ -260,7 +267,7 @@ pub(super) fn write_direct_truth(truth: &mut Truth, film: &[Band], mean: &Raster
         for (i, pixel) in to.data.chunks_exact_mut(colors.len()).enumerate() {
             for (to, band) in pixel.iter_mut().zip(colors) {
                 let [all, direct] = [mean, direct].map(|raster| raster.data[i * bands + band]);
-                // Rounding and, where colours part, noise must not leave less than nothing; both are all light.
+                // Rounding and, where wavelengths arrive apart, noise must not leave less than nothing; both are all light.
                 let direct = if film[band].unit == BandUnit::Electrons { direct.clamp(0.0, all.max(0.0)) } else { direct };
                 *to = if channel == DIRECT { direct } else { all - direct };
             }

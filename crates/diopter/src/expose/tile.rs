@@ -5,7 +5,7 @@ use super::dispersion_variate::{DispersionVariate, WavelengthHit};
 use super::light_tracing::LightTracing;
 use super::pixel_cone::PixelCones;
 use super::response::{GROUP, add_to};
-use super::stars;
+use super::starbursts;
 use super::summed_bands;
 use super::sums::{Sums, Tile};
 use super::tile_sums::TileSums;
@@ -198,7 +198,7 @@ impl Unit<'_> {
                 let from = self.camera.pixel_of(ray.arrived[c].as_vec2().to_array());
                 let value = |group: usize| self.value_at(group, nm, c, linear) * (sent[c] * exposure);
                 let direct = direct.map_or(0.0, |fraction| fraction[c]);
-                self.note_star(sums, from, half, nm[c], direct, value);
+                self.note_starburst(sums, from, half, nm[c], direct, value);
             }
         }
         let Some(spread) = &ray.spread else {
@@ -216,7 +216,7 @@ impl Unit<'_> {
             for (c, footprint) in (1..4).zip(spread.footprints.into_iter().flatten()) {
                 let gain = wavelengths.weight[c] * weights[c] * factors[c] * exposure;
                 let of_it = if *from == 0 { 1.0 } else { direct.map_or(0.0, |fraction| fraction[c]) };
-                if let (Some((px, py)), true) = (spread.lands[c], gain > 0.0) {
+                if let (Some((px, py)), true) = (spread.pixels[c], gain > 0.0) {
                     let (radiance, pixel, nm) = (radiance[c] * of_it, [px, py], nm[c]);
                     let (time, pupil) = (spread.time, spread.pupil);
                     variate.note([x, y], sampler.number(), WavelengthHit { nm, radiance, gain, pixel, footprint, time, pupil });
@@ -225,7 +225,7 @@ impl Unit<'_> {
         }
         for c in 0..4 {
             let weight = weights[c] * counted[c];
-            if let (Some((px, py)), Some((open, close))) = (spread.lands[c], spread.windows[c])
+            if let (Some((px, py)), Some((open, close))) = (spread.pixels[c], spread.windows[c])
                 && weight > 0.0
                 && (open..=close).contains(&spread.time)
             {
@@ -310,7 +310,7 @@ impl Unit<'_> {
         }
     }
 
-    /// Whether a sample is so bright that what it sends far out counts as a star. `value`: what it is in a group of bands.
+    /// Whether a sample is so bright that what it sends far out counts as a starburst. `value`: what it is in a group of bands.
     fn is_lamp(&self, value: impl Fn(usize) -> glam::Vec4) -> bool {
         let Some(white_e) = self.optics.and_then(|o| o.white_e) else { return false };
         let groups = self.curves_len().div_ceil(GROUP);
@@ -320,7 +320,7 @@ impl Unit<'_> {
     /// Notes what a wavelength of a lamp sends far out, a quarter of a sample, in the pixel where it would have arrived. From beyond the film nothing is
     /// sent. `direct`: what fraction of it is direct light.
     #[allow(clippy::too_many_arguments)]
-    fn note_star(
+    fn note_starburst(
         &self,
         sums: &mut TileSums,
         from: Option<(usize, usize)>,
@@ -334,8 +334,8 @@ impl Unit<'_> {
         let before = summed_bands(bands, self.cascade.is_some(), false, false);
         let pixel = sums.pixel(x, y);
         if let Some(from) = self.direct {
-            stars::note_direct(&mut pixel[from + bands..from + 2 * bands], half, direct, &value);
+            starbursts::note_direct(&mut pixel[from + bands..from + 2 * bands], half, direct, &value);
         }
-        stars::note(&mut pixel[before..], bands, half, nm, 0.25, value);
+        starbursts::note(&mut pixel[before..], bands, half, nm, 0.25, value);
     }
 }

@@ -23,7 +23,7 @@ pub(super) struct TileSums {
 }
 
 impl TileSums {
-    /// Of a tile (column, row, width, height) of a film; `bands` are summed. `before`: sums that its samples are added to one by one; none where they are
+    /// Sums of a tile (column, row, width, height) of a film; `bands` are summed. `before`: sums that its samples are added to one by one; none where they are
     /// summed apart.
     pub fn new(film: &Film, [column, row, width, height]: [usize; 4], bands: usize, before: Vec<f64>) -> TileSums {
         let whole = !before.is_empty();

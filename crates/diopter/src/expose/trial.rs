@@ -37,13 +37,13 @@ const WORST: f64 = 0.0005;
 const DARK: f64 = 0.1;
 /// A sample with connections takes 2 to 2.5 times the time of one without: they pay where they leave clearly less than half of the squared error. In Cornell boxes
 /// they leave 0.42 to 0.54.
-const SURE: f64 = 0.3;
+const ACCEPT_FRACTION: f64 = 0.3;
 /// Where a sample without them has so large a relative squared error, rare bright ones make it (a Cornell box: 0.6; rooms lit by a patch of sun: 2 to 27), and a
 /// trial sees few of those: more pairs are taken, and if this is not reached, there are none. Connections leave less than what it finds then (a classroom: 0.26 to
 /// 0.7 in trials, 0.2 in the exposure).
 const NOISY: f64 = 1.5;
-const UNSURE: f64 = 0.5;
-const HOPELESS: f64 = 0.8;
+const ACCEPT_LAST: f64 = 0.5;
+const REJECT_FRACTION: f64 = 0.8;
 /// Processor time of a path whose light is lent to a group, over that of one alone: 1.3 among many triangles to 1.8 in a Cornell box.
 const COST_OF_REUSE: f64 = 1.7;
 /// Most rounds of pairs, and samples of a pixel for each of them.
@@ -116,12 +116,12 @@ fn relative_noise(blocks: &[Vec<Pair>], tried: &[Candidate]) -> [f64; 3] {
 
 /// Whether connections pay, by the relative squared error of a sample without and with them, the first times what it costs; `None` where more pairs are to tell, if there are any.
 fn pays([without, with]: [f64; 2], is_last: bool) -> Option<bool> {
-    if with < SURE * without {
+    if with < ACCEPT_FRACTION * without {
         Some(true)
-    } else if without < NOISY || with > HOPELESS * without {
+    } else if without < NOISY || with > REJECT_FRACTION * without {
         Some(false)
     } else {
-        is_last.then_some(with < UNSURE * without)
+        is_last.then_some(with < ACCEPT_LAST * without)
     }
 }
 

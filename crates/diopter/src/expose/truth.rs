@@ -211,7 +211,7 @@ fn named(name: &str, kind: &str, number: usize) -> String {
 /// Another frame.
 struct OtherFrame<'a> {
     scene: OtherExposure<'a>,
-    way: &'a CameraMotion,
+    motion: &'a CameraMotion,
 }
 
 /// Turns between the moment of a row and the place of a point that a rolling shutter takes at most; each brings the place as much nearer as the point moves slower
@@ -250,15 +250,16 @@ enum Row<'a> {
 }
 
 impl<'a> Recorder<'a> {
+    /// Records what the settings ask for.
     pub fn new(scene: &'a Scene, camera: &'a Camera, shutter: &'a Shutter, settings: &'a Settings) -> Self {
         let channels = &settings.truth_channels;
         let asked = |needs: fn(&Channel) -> bool| settings.truth && channels.iter().any(|c| needs(c));
         let behind = camera.film.microlenses.map(|m| m.behind(&camera.lens));
         let blur = asked(|c| matches!(c.id, ChannelId::Coc | ChannelId::Pupil)).then(|| Blur::new(camera));
         let span_s = shutter.total_s();
-        let frame = |frames: &'a Frames, sign: f64, way: &'a CameraMotion| OtherFrame {
+        let frame = |frames: &'a Frames, sign: f64, motion: &'a CameraMotion| OtherFrame {
             scene: scene.other_exposure(frames.at_s + sign * frames.step_s, span_s),
-            way,
+            motion,
         };
         let frames = settings.frames.as_deref().filter(|_| asked(|c| c.needs_frames));
         let frames = frames.map(|f| [frame(f, -1.0, &f.previous), frame(f, 1.0, &f.next)]);
@@ -376,9 +377,9 @@ impl<'a> Recorder<'a> {
     }
 
     /// Origin (mm) and unit direction of the chief ray of a place of the picture, in the space of the lens, at a time of the exposure of which `way` is the camera's.
-    fn lens_ray(&self, at: DVec2, way: &CameraMotion, time_s: f64) -> Option<(DVec3, DVec3)> {
-        let film = self.camera.film_point(at.x, at.y) + film_shift_on(way, time_s);
-        let lens = lens_on(way, &self.camera.lens, time_s);
+    fn lens_ray(&self, at: DVec2, motion: &CameraMotion, time_s: f64) -> Option<(DVec3, DVec3)> {
+        let film = self.camera.film_point(at.x, at.y) + film_shift_on(motion, time_s);
+        let lens = lens_on(motion, &self.camera.lens, time_s);
         let ray: LensRay = match &self.behind {
             None => lens.chief_ray(film),
             Some(behind) => {
@@ -398,12 +399,12 @@ impl<'a> Recorder<'a> {
         let mut at = seen.at;
         for _ in 0..MOST_TURNS {
             let time_s = self.time_at(at);
-            let place = frame.way.at(time_s);
+            let place = frame.motion.at(time_s);
             let target = match &seen.surface {
                 Some(surface) => Target::point(frame.scene.point(surface, seen.time_s as f32, time_s)?, &place),
                 None => Target::direction(seen.ray.direction, &place),
             };
-            let next = projection::find(target, at, |at| self.lens_ray(at, frame.way, time_s))?;
+            let next = projection::find(target, at, |at| self.lens_ray(at, frame.motion, time_s))?;
             let moved = (next - at).length();
             at = next;
             if moved < STILL {
@@ -505,10 +506,10 @@ fn recorded(scene: &Scene, settings: &Settings) -> (Recorded, Mattes) {
         (classes, mattes.class_of) = numbered_classes(d);
     }
     for channel in recorded.more() {
-        let (names, to, layer) = match channel.id {
-            ChannelId::CryptoObject => (&objects, &mut mattes.objects, "CryptoObject"),
-            ChannelId::CryptoMaterial => (&materials, &mut mattes.materials, "CryptoMaterial"),
-            ChannelId::CryptoClass => (&classes, &mut mattes.classes, "CryptoClass"),
+        let (names, to) = match channel.id {
+            ChannelId::CryptoObject => (&objects, &mut mattes.objects),
+            ChannelId::CryptoMaterial => (&materials, &mut mattes.materials),
+            ChannelId::CryptoClass => (&classes, &mut mattes.classes),
             _ => {
                 sampled |= matches!(fill(channel.id), Fill::Mean(_));
                 continue;
@@ -517,7 +518,7 @@ fn recorded(scene: &Scene, settings: &Settings) -> (Recorded, Mattes) {
         sampled = true;
         *to = names.iter().map(|name| cryptomatte::identifier(name)).collect();
         let names = names.iter().cloned().collect::<BTreeSet<String>>().into_iter().collect();
-        manifests.push(Manifest::new(layer, names));
+        manifests.push(Manifest::new(channel.matte_layer(), names));
     }
     if sampled && settings.truth {
         recorded.samples = coverage_samples(settings).len() as u32;

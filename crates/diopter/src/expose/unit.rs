@@ -67,7 +67,7 @@ impl Unit<'_> {
         matches!(self.shutter.mechanism, crate::shutter::Mechanism::Leaf { .. })
     }
 
-    /// Bands that are summed: those of the film, of each buffer of the cascade, of stars, and of direct light.
+    /// Bands that are summed: those of the film, of each buffer of the cascade, of starbursts, and of direct light.
     pub(super) fn summed_bands(&self) -> usize {
         summed_bands(self.curves_len(), self.cascade.is_some(), self.starbursts, self.direct.is_some())
     }

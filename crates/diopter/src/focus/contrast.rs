@@ -19,7 +19,7 @@ const MOST_PLACES: usize = 60;
 /// A blur of so many cells' diameter takes away most of what a measure at that size of cells shows.
 const BLUR_CELLS: f64 = 2.0;
 /// Deviations that detail must stand above noise, and a peak above its sides, to be believed.
-const SURE: f64 = 4.0;
+const SURE_SIGNIFICANCE: f64 = 4.0;
 /// Fraction by which the sides of a peak must be lower.
 const DROP: f64 = 0.08;
 /// What is less sure than this is looked at again, with so many times the samples.
@@ -247,7 +247,7 @@ impl Search<'_, '_> {
                 return Ok(Climb::Flat);
             }
             let top = (0..seen.len()).max_by(|a, b| seen[*a].1.value.total_cmp(&seen[*b].1.value)).unwrap_or(0);
-            if seen[top].1.significance() < SURE {
+            if seen[top].1.significance() < SURE_SIGNIFICANCE {
                 return Ok(Climb::Flat);
             }
             let (low, high) = (top == 0, top == seen.len() - 1);
@@ -281,7 +281,7 @@ impl Search<'_, '_> {
         let drop = 1.0 - highest_side / best.value;
         // The drop in deviations of the value.
         let deviations = drop * best.value / (best.deviation * best.raw / best.value).max(1e-12);
-        let sure = (deviations / (2.0 * SURE)).min(drop / (2.0 * DROP)).clamp(0.0, 1.0);
+        let sure = (deviations / (2.0 * SURE_SIGNIFICANCE)).min(drop / (2.0 * DROP)).clamp(0.0, 1.0);
         let frame = seen.swap_remove(top).2;
         Ok(Climb::Peak { at, sure, frame })
     }
@@ -310,7 +310,7 @@ impl Search<'_, '_> {
 /// Number of the highest value, if it stands out of noise.
 fn highest(seen: &[(f64, Sharpness)]) -> Option<usize> {
     let top = (0..seen.len()).max_by(|a, b| seen[*a].1.value.total_cmp(&seen[*b].1.value))?;
-    (seen[top].1.significance() > SURE).then_some(top)
+    (seen[top].1.significance() > SURE_SIGNIFICANCE).then_some(top)
 }
 
 /// The block of a view with the most detail, in finer cells.
@@ -364,7 +364,7 @@ pub(super) fn exhaustive(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], ra
     // A peak falls on both sides, by more than noise and by a fraction of itself.
     let lowest = |part: &[(f64, Sharpness)]| part.iter().map(|p| p.1.value).fold(f64::INFINITY, f64::min);
     let drop = 1.0 - lowest(&seen[..i]).max(lowest(&seen[i + 1..])) / seen[i].1.value;
-    let sure = (seen[i].1.significance() / (4.0 * SURE)).min(drop / (4.0 * DROP));
+    let sure = (seen[i].1.significance() / (4.0 * SURE_SIGNIFICANCE)).min(drop / (4.0 * DROP));
     let confidence = if failure.is_some() { 0.0 } else { sure.clamp(0.0, 1.0) };
     let failure = failure.or((confidence < 0.5).then_some(Failure::Uncertain));
     Ok(s.found(zone, at, confidence, failure))

@@ -61,7 +61,7 @@ impl Drive {
         self.stands_mm = self.stands_mm.clamp(to, to + self.motor.backlash_mm);
     }
 
-    /// Time passes.
+    /// Adds a time, s, to the clock of the drive.
     pub fn wait(&mut self, seconds: f64) {
         self.seconds += seconds;
     }

@@ -17,7 +17,7 @@ const SPP: u32 = 8;
 /// Samples a cell of the close view: where it is sharp, a quarter of the depth of focus is a fraction of a cell.
 const CLOSE_SPP: u32 = 16;
 /// So much of the tolerance a shift may be unsure by that ends the search, and so much of itself one that only moves the lens.
-const UNSURE: [f64; 2] = [0.5, 0.4];
+const DEVIATION_LIMITS: [f64; 2] = [0.5, 0.4];
 /// The correlation of a shift that ends the search without a second look: noise pulls shifts towards none, alike in all rows.
 const ENDS: f64 = 0.9;
 /// Cells about the highest correlation in which it may lie without a group of rows.
@@ -26,7 +26,7 @@ const NEAR: usize = 4;
 const MORE: u32 = 4;
 const LOOKS: u32 = 3;
 /// Signal over noise that a look finds may be so many times too small: of few samples it is badly known.
-const HOPE: [f64; LOOKS as usize] = [4.0, 1.5, 1.0];
+const SIGNAL_GAIN: [f64; LOOKS as usize] = [4.0, 1.5, 1.0];
 /// Means over so many cells that are tried: what is far out of focus has no finer detail, only noise.
 const SMOOTH: [usize; 3] = [1, 3, 7];
 /// The least correlation that is believed, one that is as good as any, and how much lower any other shift must be.
@@ -237,15 +237,16 @@ pub(super) fn search(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range:
             seen = shift(&left, &right);
             // Signal over noise grows with the samples: what even the last look would not show is not worth one.
             let reliable = reliability(&left).min(reliability(&right));
-            let noise = reliable / (1.0 - reliable).max(1e-9) * f64::from(MORE.pow(LOOKS - 1 - step)) * HOPE[step as usize];
+            let noise =
+                reliable / (1.0 - reliable).max(1e-9) * f64::from(MORE.pow(LOOKS - 1 - step)) * SIGNAL_GAIN[step as usize];
             (left_frame, right_frame) = (Some(left), Some(right));
             // What only says where to look closer need not be exact; rows of different depth differ however many samples there are.
             let exact = |s: Shift| {
                 let ends = s.cells.abs() < 2.0 * tolerated;
                 if ends {
-                    s.correlation > ENDS && s.deviation < UNSURE[0] * tolerated
+                    s.correlation > ENDS && s.deviation < DEVIATION_LIMITS[0] * tolerated
                 } else {
-                    s.deviation < tolerated.max(UNSURE[1] * s.cells.abs())
+                    s.deviation < tolerated.max(DEVIATION_LIMITS[1] * s.cells.abs())
                 }
             };
             if seen.is_some_and(|s| s.is_sure() && (wide || step > 0 || exact(s))) || noise / (1.0 + noise) < CORRELATED {

@@ -55,6 +55,7 @@ pub(super) struct Prober<'a> {
 }
 
 impl<'a> Prober<'a> {
+    /// A view whose focus drive stands at a place, mm.
     pub fn new(view: &'a View<'a>, motor: Motor, start_mm: f64) -> Self {
         let lens = match view.camera.lens.refocused(diopter_lens::Focus::Infinity) {
             Ok(lens) => lens,

@@ -28,7 +28,7 @@ pub enum Motion<'a> {
     Of(&'a Shot),
 }
 
-/// The way of the image of a place.
+/// Motion of the image of a place.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ImageMotion {
     /// At constant speed: pixels to the right and down.
@@ -38,12 +38,12 @@ pub enum ImageMotion {
 }
 
 impl Motion<'_> {
-    /// The way at a place of the picture (pixels) on an edge across a direction; `None` where the lens does not show what is there all of the time. `across`: unit
+    /// The motion at a place of the picture (pixels) on an edge across a direction; `None` where the lens does not show what is there all of the time. `across`: unit
     /// vector, right and down.
     pub fn at(&self, place: [f64; 2], across: [f64; 2]) -> Option<ImageMotion> {
         match self {
             Motion::Straight(travel) => Some(ImageMotion::Straight(DVec2::from_array(*travel))),
-            Motion::Of(shot) => way(shot, DVec2::from_array(place), DVec2::from_array(across)),
+            Motion::Of(shot) => of_nearer_surface(shot, DVec2::from_array(place), DVec2::from_array(across)),
         }
     }
 }
@@ -78,8 +78,8 @@ impl ImageMotion {
     }
 }
 
-/// The way of the nearer of the surfaces on both sides of an edge.
-fn way(shot: &Shot, place: DVec2, across: DVec2) -> Option<ImageMotion> {
+/// Motion of the nearer of the surfaces on both sides of an edge.
+fn of_nearer_surface(shot: &Shot, place: DVec2, across: DVec2) -> Option<ImageMotion> {
     let still = Some(ImageMotion::Straight(DVec2::ZERO));
     if !shot.scene.moves() && shot.camera.motion.is_still() {
         return still;

@@ -192,10 +192,10 @@ impl<'a> Chain<'a> {
 
     /// Each part at frequencies in cycles a pixel.
     fn parts(&self, spot: &Spot, place: [f64; 2], edge_across: [f64; 2], frequencies: &[f64]) -> Result<Parts, MeasureError> {
-        if let Motion::Straight(way) = self.motion
-            && !way.iter().all(|v| v.is_finite())
+        if let Motion::Straight(motion) = self.motion
+            && !motion.iter().all(|v| v.is_finite())
         {
-            return Err(unfit(format!("motion {way:?}"), "two finite numbers of pixels"));
+            return Err(unfit(format!("motion {motion:?}"), "two finite numbers of pixels"));
         }
         let (across, offset, pitch, colors) = (spot.across, spot.offset, spot.pitch, &spot.colors);
         let radial = if offset.length() > MIDDLE_PX * pitch[0] { offset.normalize() } else { DVec2::Y };
@@ -230,14 +230,15 @@ impl<'a> Chain<'a> {
         let aperture = each(&|f| sinc(f.x * open[0]) * sinc(f.y * open[1]));
         let low_pass = each(&|f| (PI * f.x * shift).cos() * (PI * f.y * shift).cos());
         let crosstalk = each(&|f| self.crosstalk(f, &even));
-        let way = self.motion.at(place, edge_across).ok_or_else(|| {
+        let motion = self.motion.at(place, edge_across).ok_or_else(|| {
             unfit(
                 format!("the place {:.0},{:.0} leaves the picture during the exposure", place[0], place[1]),
                 "an edge that the lens shows as long as the shutter is open",
             )
         })?;
-        let motion = frequencies.iter().map(|f| way.response(across * *f)).collect();
-        Ok(Parts { height_mm, travel_px: way.length_px(across), lens, aperture, low_pass, crosstalk, motion })
+        let travel_px = motion.length_px(across);
+        let motion = frequencies.iter().map(|f| motion.response(across * *f)).collect();
+        Ok(Parts { height_mm, travel_px, lens, aperture, low_pass, crosstalk, motion })
     }
 
     /// What neighbours add to the pixels of the channel: of other colours they see the same edge with signals of their own (`even`: those of an even
@@ -371,7 +372,7 @@ impl<'a> Seen<'a> {
             })
             .collect();
         let line = |i: usize| half[i.abs_diff(middle)];
-        // The edge is half way up in the middle.
+        // The edge is half motion up in the middle.
         let (mut up, mut edge) = (0.0, Vec::with_capacity(places.len()));
         for i in 0..places.len() {
             up += if i == 0 { 0.0 } else { 0.5 * (line(i - 1) + line(i)) / PLACES };
@@ -466,8 +467,8 @@ mod tests {
         );
         // The edge that was "measured" has full contrast: the difference is largest where the chain leaves least.
         assert!((p.largest_difference[0] - (1.0 - p.product[half])).abs() < 0.05, "{:?}", p.largest_difference);
-        // Along an edge nothing is lost; across it what a box of the way leaves, with its first zero at one cycle in the way.
-        let moved = |way| Chain { motion: Motion::Straight(way), ..chain }.predict(&edge([1.0, 0.0])).unwrap();
+        // Along an edge nothing is lost; across it what a box of the motion leaves, with its first zero at one cycle in the motion.
+        let moved = |motion| Chain { motion: Motion::Straight(motion), ..chain }.predict(&edge([1.0, 0.0])).unwrap();
         assert_eq!(moved([0.0, 7.0]).product, p.product);
         let across = moved([-1.2, 7.0]);
         assert!((across.product[half] - p.product[half] * sinc(0.6)).abs() < 1e-12);

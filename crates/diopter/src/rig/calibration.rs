@@ -82,7 +82,7 @@ pub struct CameraOfRig<'a> {
 pub struct RigCalibration<'a> {
     /// The cameras.
     pub cameras: Vec<CameraOfRig<'a>>,
-    /// The way.
+    /// The path.
     pub path: &'a RigPath,
     /// The inertial sensor.
     pub imu: Option<&'a Imu>,

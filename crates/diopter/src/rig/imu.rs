@@ -1,4 +1,4 @@
-//! What an inertial measurement unit on a rig feels: angular rate and specific force, exact along the way of the rig, and with the noise of a real one.
+//! What an inertial measurement unit on a rig feels: angular rate and specific force, exact along the path of the rig, and with the noise of a real one.
 //!
 //! Axes are the IMU's own. The angular rate is that of the body against the world, in body axes, rad/s (right-handed: positive about +y turns −z towards −x). The specific force is what
 //! an accelerometer measures, f = Rᵀ (a − g), in body axes, m/s²: an IMU at rest reads +9.81 upwards. Noise is the model of Kalibr and of IEEE Std 952: white noise of a density

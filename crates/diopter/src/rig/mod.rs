@@ -56,7 +56,7 @@ pub struct RigCamera {
 pub struct Rig {
     /// The cameras.
     pub cameras: Vec<RigCamera>,
-    /// The way.
+    /// The path.
     pub path: Arc<RigPath>,
     /// Times of the frames, s.
     pub times_s: Vec<f64>,
@@ -143,7 +143,7 @@ impl Rig {
         Ok(rig)
     }
 
-    /// A way with free ends is known between them only.
+    /// A path with free ends is known between them only.
     fn check_span(&self, checks: &Checks) -> Result<(), ShotError> {
         let [first, last] = self.path.span_s();
         let begins = |offset: f64| [self.times_s[0] + offset, self.times_s[self.times_s.len() - 1] + offset];

@@ -1,4 +1,4 @@
-//! The way of a rig: a smooth curve through key places, with its derivatives in closed form.
+//! The path of a rig: a smooth curve through key places, with its derivatives in closed form.
 //!
 //! Positions are cubic splines with continuous second derivatives. Orientations are the same of the four numbers of the quaternion, made a unit again: with p the splined one, the
 //! rotation is p / |p|, the angular rate in the axes of the rig is ω = 2 Im(p̄ ṗ) / |p|² (the change of |p| is real and falls out), and the angular acceleration
@@ -105,7 +105,7 @@ impl Spline {
     }
 }
 
-/// The way of a rig.
+/// The path of a rig.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RigPath {
     place: Spline,
@@ -199,7 +199,7 @@ impl RigPath {
 /// A camera on a rig that moves.
 #[derive(Clone, Debug)]
 pub struct Mounted {
-    /// The way of the rig.
+    /// The path of the rig.
     pub path: std::sync::Arc<RigPath>,
     /// Rig from camera, m; axes of both: x right, y up, z backward.
     pub rig_from_camera: DAffine3,
@@ -211,7 +211,7 @@ impl Mounted {
         self.path.at(time_s).place * self.rig_from_camera
     }
 
-    /// The same as scenes count.
+    /// World from rig at a moment, s, in single precision as scenes have it.
     pub fn at(&self, time_s: f64) -> Affine3A {
         let place = self.place(time_s);
         let (_, rotation, translation) = place.to_scale_rotation_translation();
@@ -223,7 +223,7 @@ impl Mounted {
 pub(super) mod tests {
     use super::*;
 
-    /// A way with turns about all axes.
+    /// A path with turns about all axes.
     pub(in crate::rig) fn winding() -> RigPath {
         let key = |t: f64, x: [f64; 3], turn: [f64; 3]| {
             let q = DQuat::from_euler(glam::EulerRot::YXZ, turn[0], turn[1], turn[2]);
@@ -242,7 +242,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn derivatives_are_those_of_the_way() {
+    fn derivatives_are_those_of_the_path() {
         for path in [winding(), winding().shaken(Shake::new(20.0, 2))] {
             derivatives_of(&path);
         }

@@ -57,7 +57,7 @@ section! {
         ///
         /// studio: soft boxes of 1500 lx (key), 500 lx (fill) and 1000 lx (rim) and a grey sweep to stand on; what a scene without light of its own gets.
         /// sun: a clear day, the sun behind the camera to its left. overcast: a grey sky of 10 000 lx. Both put a ground under the scene.
-        /// A file: its numbers are taken for relative, and scaled to 10 000 lx on average; --environment takes them for cd/m². With environment_scale in a shot file its numbers are taken as they are.
+        /// A file: its values are relative, and scaled to 10 000 lx on average; --environment takes them for cd/m². With environment_scale in a shot file its numbers are taken as they are.
         #[arg(long, value_name = "KIND|FILE")]
         pub light: Option<String>,
         /// Light from all around, in cd/m²: a lat-long .hdr, .exr or .pfm; as --light, its numbers are relative.
@@ -273,7 +273,7 @@ section! {
         /// What it is aimed at: "x,y,z" in m.
         #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
         pub look_at: Option<[f32; 3]>,
-        /// What is up in the picture: "0,1,0".
+        /// Up vector of the picture: "0,1,0".
         #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
         pub up: Option<[f32; 3]>,
         /// A camera of the scene file, by name or number.
@@ -322,13 +322,13 @@ section! {
         /// What moves against --shake while the shutter is open: lens (the group that its sheet names), sensor, or the surfaces of a group, such as 15-17.
         ///
         /// Rays are traced through the lens with its group where it stands at their moment. Corner frequencies of the servo (100 Hz) and of drift (0.05 Hz) and the travel are keys of
-        /// [camera.stabiliser] in a shot file. Its way is in `-o calibration.json`. docs/rigs.md says what it answers.
+        /// [camera.stabiliser] in a shot file. Its motion is in `-o calibration.json`. docs/rigs.md says what it answers.
         #[arg(long = "stabiliser", alias = "stabilizer", value_name = "WHAT")]
         pub moves: Option<String>,
         /// Corner of the servo, Hz; 100 without.
         #[arg(skip)]
         pub servo: Option<Hertz>,
-        /// Below it angles are taken for drift, Hz; 0.05 without.
+        /// Corner frequency below which drift is removed, Hz; 0.05 without.
         #[arg(skip)]
         pub drift: Option<Hertz>,
         /// How far it moves from the axis at most; as far as it must without.
@@ -348,7 +348,7 @@ pub struct PathStop {
     /// What it is aimed at, m; the shot's own without.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub look_at: Option<[f32; 3]>,
-    /// What is up in the picture.
+    /// Up vector of the picture.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub up: Option<[f32; 3]>,
 }
@@ -604,7 +604,7 @@ section! {
         /// polarisation do so anyway.
         #[arg(long)]
         pub polarized: bool,
-        /// path: from the camera only. path-reuse: and pixels lend one another the light that their paths found. caustics: and photons from lamps over mirrors and through
+        /// path: from the camera only. path-reuse: and light that the paths of one pixel found is reused by others. caustics: and photons from lamps over mirrors and through
         /// glass, and light from small lamps out of focus. bidirectional: and connections of camera paths with light paths from the lamps. auto: photons for small lamps where
         /// there is smooth glass or metal, light from small lamps out of focus, and path reuse or connections where a trial shows that they pay.
         #[arg(long, value_name = "NAME")]
@@ -616,7 +616,7 @@ section! {
         /// --stray: diffraction where it shows, no ghosts, no scatter. Meters and autofocus see no stray light.
         #[arg(long, value_name = "LIST")]
         pub stray: Option<String>,
-        /// Take about so long in all: "10s".
+        /// Time limit, about: "10s".
         ///
         /// With focusing, metering and denoising, which is left out where it does not fit. Of a sequence, for each picture.
         #[arg(long, value_name = "TIME")]

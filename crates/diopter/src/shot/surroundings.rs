@@ -86,7 +86,7 @@ pub(super) fn follow_camera(scene: &Description, section: &SceneSection, flash: 
 
 /// Puts surroundings around a scene, and answers with the albedo of the floor that belongs under it, if one does. `flash`: whether the camera brings
 /// light; `stand`: where it is.
-pub(super) fn put(
+pub(super) fn add_surroundings(
     scene: &mut Description,
     section: &SceneSection,
     flash: bool,
@@ -139,7 +139,7 @@ pub(super) fn put(
             }
             if section.ambient_ev.is_none() {
                 warn(&format!(
-                    "{place}: its numbers are taken for relative, and scaled by {factor:.3e} to light the scene with {PICTURE_LX} lx on average, as an \
+                    "{place}: its values are relative, and scaled by {factor:.3e} to light the scene with {PICTURE_LX} lx on average, as an \
                      overcast day does (--environment FILE takes them for cd/m²; --ambient-ev EV, or environment_scale in a shot file, says how bright \
                      it is)"
                 ));

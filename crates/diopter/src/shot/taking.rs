@@ -198,7 +198,7 @@ impl Shot {
                 };
                 // Ghosts have no noise, and edges that the guides do not know.
                 let mut plane = exposed.plane.clone();
-                stray.take_from(&mut plane.mean);
+                stray.subtract_from(&mut plane.mean);
                 let mut plane = filter.denoise(&plane, self.features(&self.camera).as_ref())?;
                 stray.add_to(&mut plane.mean, 0);
                 Ok(Some(plane))

@@ -17,7 +17,7 @@ pub(super) const STRONG: usize = 48;
 pub(super) const WEAK: usize = 20;
 
 /// Ghosts this strong (of the strongest one's irradiance) are strong.
-pub(super) const STRONG_SHARE: f64 = 0.02;
+pub(super) const STRONG_FRACTION: f64 = 0.02;
 
 /// Part of the ghost light on the film that may be left out with the weakest ghosts.
 pub(super) const LEFT_OUT: f64 = 0.01;
@@ -124,7 +124,7 @@ pub(super) fn jobs<'a>(beam: &'a Beam, ways: &[Vec<usize>], tracer: &GhostTracer
     let mut jobs = vec![];
     for (turns, corners, ghost) in found {
         // A small ghost may be bright and bring little light.
-        let strong = ghost.irradiance() > STRONG_SHARE * strongest;
+        let strong = ghost.irradiance() > STRONG_FRACTION * strongest;
         if strong || before < (1.0 - LEFT_OUT) * all {
             // As the source crosses its cell the ghost moves about twice as far as from the middle to an edge.
             let moves = beam.edges.map(|edge| {

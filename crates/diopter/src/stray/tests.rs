@@ -290,7 +290,7 @@ fn glare_keeps_what_it_moves_and_can_be_taken_away() {
     // 3 mm by tents of 8 mm: those at the edge of the film reach over it, 5 % of what arrives here.
     assert!((sum - axis.kept[1] - arrivals).abs() < 0.08 * arrivals, "{sum} {} {arrivals}", axis.kept[1]);
     assert!(sum > axis.kept[1] + 0.5 * arrivals && arrivals > 1e-3, "{sum} {arrivals}");
-    stray.take_from(&mut after);
+    stray.subtract_from(&mut after);
     assert!(
         after.data.iter().zip(&before.data).all(|(a, b)| (a - b).abs() < 1e-2 + 1e-5 * b),
         "taken away it is the picture before"

@@ -446,7 +446,7 @@ pub struct Seen {
 }
 
 impl Seen {
-    /// Of a film, nothing yet.
+    /// What is seen of a film: nothing yet.
     pub fn new(film: &Film, bands: usize) -> Seen {
         let grid = Grid::over(film, COLUMNS);
         let cells = grid.columns * grid.rows;

@@ -42,7 +42,7 @@ pub(super) struct Colors {
 const COLORS_NM: [u32; 3] = [380, 780, 5];
 
 impl Colors {
-    /// Of a light seen through a response. All of one wavelength where nothing is seen.
+    /// The colours of a light seen through a response. All of one wavelength where nothing is seen.
     pub fn new(response: &Table, light: &Table) -> Colors {
         let [from, to, step] = COLORS_NM;
         let mut sum = 0.0;
@@ -59,7 +59,7 @@ impl Colors {
         Colors { cumulative }
     }
 
-    /// Of one wavelength, nm.
+    /// The colours of one wavelength, nm.
     pub fn one(nm: f64) -> Colors {
         Colors { cumulative: vec![[nm, 0.0], [nm, 1.0]] }
     }

@@ -73,7 +73,7 @@ fn an_even_field_has_little_noise_however_small_the_pixels() {
 
 #[test]
 fn edges_borders_and_rows_that_open_one_after_the_other_keep_their_light() {
-    // Dark and bright squares, small pixels, few samples: what is foretold is wrong nearly everywhere. Means of columns and rows, borders of the film included,
+    // Dark and bright squares, small pixels, few samples: what is predicted is wrong nearly everywhere. Means of columns and rows, borders of the film included,
     // against samples whose landings are left to chance. The curtain needs 40 times its exposure for the height of the film.
     let (columns, rows) = (64, 48);
     let film = Film::new(0.64, 0.48, columns, rows);

@@ -47,7 +47,7 @@ impl<R: Read + Seek> Disguised<R> {
 
 impl<R> Disguised<R> {
     /// Takes the directory behind the end away again, once it has been seen.
-    pub fn undress(&mut self) {
+    pub fn restore(&mut self) {
         self.behind.clear();
     }
 }

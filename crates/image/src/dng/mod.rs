@@ -112,7 +112,7 @@ const XMP_NAMESPACE: &str = "urn:diopter:1.0";
 mod tests {
     use super::*;
     use crate::raw::{Cfa, ColorCalibration, LightSource, RawHeader, RawImage};
-    use crate::tags::{Field, put};
+    use crate::tags::{Field, write_fields};
     use crate::{ExposureFacts, Raster};
     use std::io::Cursor;
 
@@ -232,7 +232,7 @@ mod tests {
         ];
         all.retain(|(tag, _)| fields.iter().all(|f| f.0 != *tag));
         all.extend(fields);
-        put(&mut directory, &all).unwrap();
+        write_fields(&mut directory, &all).unwrap();
         directory.finish().unwrap();
         file.into_inner()
     }

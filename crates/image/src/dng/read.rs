@@ -118,7 +118,7 @@ fn read_from(from: &mut dyn ReadSeek) -> Result<RawImage, ImageError> {
     let (from, first) = Disguised::new(from)?;
     let mut decoder = Decoder::new(from).map_err(|e| malformed(e.to_string()))?;
     let first = first.or_else(|| decoder.ifd_pointer().map(|p| p.0)).ok_or_else(|| missing("the first directory"))?;
-    decoder.inner().undress();
+    decoder.inner().restore();
     let mut file = File { decoder };
     let main = file.directory(first)?;
     if !main.contains(Tag::from_u16_exhaustive(tag::DNG_VERSION)) {

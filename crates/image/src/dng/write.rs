@@ -3,7 +3,7 @@
 use super::{FILTER_NUMBERS, XMP_NAMESPACE, compression, lossless, packing, photometric, tag};
 use crate::exif::{EXIF_DIRECTORY, exif_fields, main_fields};
 use crate::streams::WriteSeek;
-use crate::tags::{Field, put, written};
+use crate::tags::{Field, write_fields, written};
 use crate::{ExposureFacts, ImageError, Picture, Raster, RawHeader, RawImage, jpeg};
 use rayon::prelude::*;
 use std::io::{Seek, Write};
@@ -142,7 +142,7 @@ fn write_to(
             (tag::STRIP_BYTE_COUNTS, Field::Longs(counts)),
         ]),
     }
-    put(&mut raw, &fields)?;
+    write_fields(&mut raw, &fields)?;
     let mut places = vec![raw.finish_with_offsets().map_err(written)?.pointer.0 as u32];
 
     // The preview, as JPEG.
@@ -155,12 +155,12 @@ fn write_to(
         if file.len() % 2 == 1 {
             directory.write_data(0u8).map_err(written)?;
         }
-        put(&mut directory, &preview_fields(picture, place, file.len() as u32, &header.facts))?;
+        write_fields(&mut directory, &preview_fields(picture, place, file.len() as u32, &header.facts))?;
         places.push(directory.finish_with_offsets().map_err(written)?.pointer.0 as u32);
     }
 
     let mut exif = tiff.extra_directory().map_err(written)?;
-    put(&mut exif, &exif_fields(&header.facts))?;
+    write_fields(&mut exif, &exif_fields(&header.facts))?;
     let exif = exif.finish_with_offsets().map_err(written)?.pointer.0 as u32;
 
     // The small picture stands first.
@@ -191,7 +191,7 @@ fn write_to(
         (EXIF_DIRECTORY, Field::long(exif)),
         (tag::XMP, Field::Bytes(xmp(&header.facts))),
     ]);
-    put(&mut main, &fields)?;
+    write_fields(&mut main, &fields)?;
     main.finish().map_err(written)
 }
 

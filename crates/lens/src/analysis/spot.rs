@@ -49,7 +49,7 @@ pub struct Fan {
 }
 
 impl Spot {
-    /// Of given film points, mm; `passed`: fraction of the grid that they are.
+    /// The spot of given film points, mm; `passed`: fraction of the grid that they are.
     pub fn of(points: Vec<DVec2>, field_deg: f64, nm: f64, passed: f64) -> Spot {
         let count = points.len().max(1) as f64;
         let centroid = points.iter().sum::<DVec2>() / count;

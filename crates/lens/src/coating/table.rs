@@ -53,7 +53,7 @@ impl LightTable {
         self.object_side
     }
 
-    /// The values, `[wavelength][cosine]`.
+    /// Transmittance (of mirrors reflectance) of unpolarised light, 0 to 1, `[wavelength][cosine]`.
     pub fn values(&self) -> &[f32] {
         self.values.get_or_init(|| {
             let mut values = Vec::with_capacity(WAVELENGTHS * COSINES);

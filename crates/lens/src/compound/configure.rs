@@ -2,8 +2,8 @@
 
 use super::tilt::{Tilt, Turned};
 use super::zoom::{NAME_TOLERANCE, focal_length_of, zoom_position};
-use crate::axial_beam;
 use crate::batch::single::Batch;
+use crate::f_number;
 use crate::focusing::{AxialSpot, best_film_z};
 use crate::iris::Iris;
 use crate::paraxial::FirstOrder;
@@ -219,7 +219,7 @@ pub(super) fn configure_turned(
 /// Smallest f-number at which an axial beam from infinity passes every rim, not smaller than the prescription states; and whether it is the
 /// rims that set it.
 pub(crate) fn widest_f_number(p: &Prescription, system: &System, efl: f64) -> Option<(f64, bool)> {
-    let radius = axial_beam::widest_radius(system, &system.reference_indices(), efl)?;
+    let radius = f_number::widest_radius(system, &system.reference_indices(), efl)?;
     let rims = efl.abs() / (2.0 * radius);
     // Zooms state the f-number of one end: the other is as its rims say.
     let stated = p.f_number.filter(|_| p.zoom.len() < 2 || rims < p.f_number.unwrap_or(0.0));
@@ -228,7 +228,7 @@ pub(crate) fn widest_f_number(p: &Prescription, system: &System, efl: f64) -> Op
 
 /// Radius at the stop of the real axial beam of an f-number.
 pub(crate) fn stop_radius(system: &System, efl: f64, f_number: f64) -> Option<f64> {
-    axial_beam::stop_radius(system, &system.reference_indices(), efl, 0.5 * efl.abs() / f_number)
+    f_number::stop_radius(system, &system.reference_indices(), efl, 0.5 * efl.abs() / f_number)
 }
 
 /// The opening of a stop: blades that are drawn back behind its rim leave a round hole.

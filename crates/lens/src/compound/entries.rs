@@ -60,7 +60,7 @@ impl CompoundLens {
             let [x, y, z] = starts[i];
             out.origin[i] = [x - px, y - py, z - pz];
             out.direction[i] = rays.direction[i].as_vec3().to_array();
-            (out.lands[i], out.slopes[i]) = ([[0.0; 2]; 4], [[0.0; 2]; 4]);
+            (out.film_points[i], out.slopes[i]) = ([[0.0; 2]; 4], [[0.0; 2]; 4]);
             (out.density[i], out.weight[i]) = ([0.0; 4], [0.0; 4]);
         }
         let mut fractions = [[0.0f32; 4]; LANES];
@@ -74,7 +74,7 @@ impl CompoundLens {
             let through = self.batch.trace_light(packet, n, &nm, TraceDirection::ToFilm) & met;
             for i in (0..LANES).filter(|i| through >> i & 1 == 1) {
                 let (land, slope, cos2) = self.landing(packet, i);
-                (out.lands[i][k], out.slopes[i][k]) = (land, slope);
+                (out.film_points[i][k], out.slopes[i][k]) = (land, slope);
                 fractions[i][k] = packet.fraction[i];
                 let [at, slope] = [land, slope].map(|v| glam::Vec2::from_array(v).as_dvec2());
                 out.density[i][k] = sampler.density(&self.pupils, i, at, slope) as f32 / (cos2 * cos2);
@@ -83,7 +83,7 @@ impl CompoundLens {
         for i in 0..LANES {
             if !self.disperses {
                 // One path for all, as for camera samples.
-                (out.lands[i], out.slopes[i]) = ([out.lands[i][0]; 4], [out.slopes[i][0]; 4]);
+                (out.film_points[i], out.slopes[i]) = ([out.film_points[i][0]; 4], [out.slopes[i][0]; 4]);
                 (out.density[i], fractions[i]) = ([out.density[i][0]; 4], [fractions[i][0]; 4]);
             }
             let mean = 0.25 * out.density[i].iter().sum::<f32>();
@@ -154,7 +154,7 @@ mod tests {
                         let off = |a: [f32; 2], b: [f32; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
                         if back.weight[i][k] > 0.0 {
                             // 1 µm: single precision over a path of some 100 mm.
-                            let off = off(back.lands[i][k], exits.lands[i][k]);
+                            let off = off(back.film_points[i][k], exits.film_points[i][k]);
                             assert!(off < 1e-3, "{name}: lands {off} mm away");
                         }
                         // The table of pupils steps from bin to bin: a place on the border may lie in either.

@@ -35,8 +35,8 @@ pub struct ExitRays {
     pub origin: [[f32; 3]; LANES],
     /// Unit directions.
     pub direction: [[f32; 3]; LANES],
-    /// Where each wavelength lands on the film, mm.
-    pub lands: [[[f32; 2]; 4]; LANES],
+    /// Film point of each wavelength, mm.
+    pub film_points: [[[f32; 2]; 4]; LANES],
     /// Its slope there, towards the lens. With the film point over the distance of the exit pupil ([`crate::Lens::exit_curvature`]) it
     /// tells the place in the pupil.
     pub slopes: [[[f32; 2]; 4]; LANES],
@@ -54,7 +54,7 @@ impl Default for ExitRays {
             spread: false,
             origin: [[0.0; 3]; LANES],
             direction: [[0.0; 3]; LANES],
-            lands: [[[0.0; 2]; 4]; LANES],
+            film_points: [[[0.0; 2]; 4]; LANES],
             slopes: [[[0.0; 2]; 4]; LANES],
             weight: [[0.0; 4]; LANES],
             density: [[0.0; 4]; LANES],
@@ -64,13 +64,13 @@ impl Default for ExitRays {
 
 impl ExitRays {
     /// Takes over samples that passed in `other` and not here.
-    pub fn take_missing(&mut self, other: &ExitRays) {
+    pub fn fill_missing(&mut self, other: &ExitRays) {
         let new = other.passed & !self.passed;
         self.passed |= new;
         for k in (0..LANES).filter(|k| new >> k & 1 == 1) {
             self.origin[k] = other.origin[k];
             self.direction[k] = other.direction[k];
-            self.lands[k] = other.lands[k];
+            self.film_points[k] = other.film_points[k];
             self.slopes[k] = other.slopes[k];
             self.weight[k] = other.weight[k];
             self.density[k] = other.density[k];
@@ -190,7 +190,7 @@ impl CompoundLens {
             out.origin[i] = [packet.x[i] - px, packet.y[i] - py, packet.z[i] - pz];
             out.direction[i] = [packet.dx[i], packet.dy[i], packet.dz[i]];
             let film = samples.film[i].as_vec2().to_array();
-            out.lands[i] = [film; 4];
+            out.film_points[i] = [film; 4];
             out.weight[i] = [0.0; 4];
         }
         if out.passed == 0 {
@@ -226,7 +226,7 @@ impl CompoundLens {
                     continue;
                 }
                 let (land, slope, cos2) = self.landing(forward, i);
-                (out.lands[i][k], out.slopes[i][k]) = (land, slope);
+                (out.film_points[i][k], out.slopes[i][k]) = (land, slope);
                 fractions[i][k] = forward.fraction[i];
                 let [at, slope] = [land, slope].map(|v| Vec2::from_array(v).as_dvec2());
                 density[i][k] = sampler.density(&self.pupils, i, at, slope) as f32 / (cos2 * cos2);

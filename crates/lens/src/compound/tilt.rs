@@ -26,6 +26,7 @@ impl Tilt {
         Ok(Tilt(angles))
     }
 
+    /// Whether the lens is not turned.
     pub fn is_none(self) -> bool {
         self.0 == [0.0; 2]
     }

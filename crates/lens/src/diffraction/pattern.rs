@@ -34,7 +34,7 @@ pub(super) struct Pattern {
     /// Its light over that of the pupil.
     around_light: f64,
     /// Fraction of the light in the middle.
-    core_share: f32,
+    core_fraction: f32,
     /// Fraction of the light within circles of radii 0, [`STEP`], 2 · [`STEP`] ...
     encircled: Vec<f32>,
     /// The same densities without what lies within [`Pattern::wings_from`].
@@ -45,7 +45,7 @@ pub(super) struct Pattern {
 struct Wings {
     core: Option<Grid2>,
     around: Grid2,
-    core_share: f32,
+    core_fraction: f32,
 }
 
 impl Pattern {
@@ -72,7 +72,7 @@ impl Pattern {
         // The light around, ring by ring, as it was.
         let from = ((CORE / STEP) as usize).saturating_sub(1);
         let mut rings: Vec<f64> = vec![0.0; self.encircled.len()];
-        let total = self.around_light / f64::from(1.0 - self.core_share).max(1e-9);
+        let total = self.around_light / f64::from(1.0 - self.core_fraction).max(1e-9);
         for (ring, within) in rings.iter_mut().skip(1).zip(self.encircled.windows(2)).skip(from) {
             *ring = f64::from(within[1] - within[0]) * total;
         }
@@ -92,8 +92,8 @@ impl Pattern {
             within.min(1.0) as f32
         };
         let encircled = rings(core, CORE, cells).into_iter().zip(around_rings).map(add).collect();
-        let core_share = (core_light / total) as f32;
-        Pattern { core: Grid2::new(core, cells), around, around_light, core_share, encircled, wings: None }
+        let core_fraction = (core_light / total) as f32;
+        Pattern { core: Grid2::new(core, cells), around, around_light, core_fraction, encircled, wings: None }
     }
 
     /// The same, ready to draw what lies farther out than `from` cycles.
@@ -113,7 +113,7 @@ impl Pattern {
             Arc::new(Wings {
                 core: (light[0] > 0.0).then(|| Grid2::new(&core, CORE_CELLS)),
                 around: Grid2::new(&around, EXTENT_CELLS),
-                core_share: (light[0] / (light[0] + light[1])) as f32,
+                core_fraction: (light[0] / (light[0] + light[1])) as f32,
             })
         });
     }
@@ -121,13 +121,13 @@ impl Pattern {
     /// The place that belongs to `u` in the unit square.
     #[inline]
     pub(super) fn draw(&self, u: [f32; 2]) -> DVec2 {
-        draw(Some(&self.core), &self.around, self.core_share, u)
+        draw(Some(&self.core), &self.around, self.core_fraction, u)
     }
 
     /// The same of what lies about as far out as [`Pattern::wings_from`] says and farther; `None` where the table ends before.
     #[inline]
     pub(super) fn draw_wings(&self, u: [f32; 2]) -> Option<DVec2> {
-        self.wings.as_ref().map(|w| draw(w.core.as_ref(), &w.around, w.core_share, u))
+        self.wings.as_ref().map(|w| draw(w.core.as_ref(), &w.around, w.core_fraction, u))
     }
 
     /// Density at a place, for a unit of w²: the integral over the table is 1.
@@ -137,9 +137,9 @@ impl Pattern {
         let unit = |half: f64| (w * (0.5 / half) + 0.5).as_vec2();
         let area = |half: f64| (4.0 * half * half) as f32;
         if far < CORE {
-            self.core_share * self.core.pdf(unit(CORE)) / area(CORE)
+            self.core_fraction * self.core.pdf(unit(CORE)) / area(CORE)
         } else if far < EXTENT {
-            (1.0 - self.core_share) * self.around.pdf(unit(EXTENT)) / area(EXTENT)
+            (1.0 - self.core_fraction) * self.around.pdf(unit(EXTENT)) / area(EXTENT)
         } else {
             0.0
         }
@@ -157,11 +157,11 @@ impl Pattern {
 }
 
 #[inline]
-fn draw(core: Option<&Grid2>, around: &Grid2, core_share: f32, [u, v]: [f32; 2]) -> DVec2 {
+fn draw(core: Option<&Grid2>, around: &Grid2, core_fraction: f32, [u, v]: [f32; 2]) -> DVec2 {
     const BELOW_ONE: f32 = 0.999_999_9;
     let (grid, half, u) = match core {
-        Some(core) if u < core_share => (core, CORE, u / core_share),
-        _ => (around, EXTENT, (u - core_share) / (1.0 - core_share)),
+        Some(core) if u < core_fraction => (core, CORE, u / core_fraction),
+        _ => (around, EXTENT, (u - core_fraction) / (1.0 - core_fraction)),
     };
     let (p, _): (Vec2, f32) = grid.sample([u.clamp(0.0, BELOW_ONE), v]);
     (p.as_dvec2() * 2.0 - 1.0) * half

@@ -167,7 +167,7 @@ impl BeamGhost {
         sums.ghost(cell.x * cell.y)
     }
 
-    /// Of light at the sensor that its microlenses throw back in an order of their grating, and a surface to the film again. `None` where none comes to the film.
+    /// The beam of light at the sensor that its microlenses throw back in an order of their grating, and a surface to the film again. `None` where none comes to the film.
     pub fn of_order(tracer: &GhostTracer, light: &AtSensor, order: [i32; 2], forth: usize) -> Option<BeamGhost> {
         let mut sums = Sums::default();
         for (arrival, power) in light.rays.iter().flatten() {

@@ -30,7 +30,7 @@ pub struct Grating {
 }
 
 impl Grating {
-    /// Of pixels of these pitches (mm), at a wavelength in nm; `None` for pixels too large or too small to be a grating.
+    /// The grating of pixels of these pitches (mm), at a wavelength in nm; `None` for pixels too large or too small to be a grating.
     pub fn new(pitch_mm: [f64; 2], nm: f64) -> Option<Grating> {
         let wavelength = nm * 1e-6;
         let fits = |pitch: f64| pitch > 0.5 * wavelength && pitch <= LARGEST_PITCH_MM;

@@ -57,12 +57,12 @@ pub struct Lobe {
 }
 
 impl Lobe {
-    /// Of roughness; the knee is a spatial frequency and grows with the wavelength.
+    /// The lobe of roughness; the knee is a spatial frequency and grows with the wavelength.
     pub fn polish(nm: f64) -> Lobe {
         Lobe { l: POLISH[0] * nm / 550.0, s: POLISH[1] }
     }
 
-    /// Of dust; `u` from 0 to 1 chooses between what is diffracted and what is refracted.
+    /// The lobe of dust; `u` from 0 to 1 chooses between what is diffracted and what is refracted.
     pub fn dust(u: f64, nm: f64) -> Lobe {
         match u < 0.5 {
             true => Lobe { l: DIFFRACTED[0] * nm / 550.0, s: DIFFRACTED[1] },

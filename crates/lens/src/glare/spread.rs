@@ -143,7 +143,7 @@ fn field(
 impl GlareTracer<'_> {
     /// Light of a beam of irradiance 1 that comes to the film by walls and scatter (`Kind::Scatter`) and by reflections (`Kind::Ghost`), from `rays` rays over
     /// the front: how, where (mm), and how much, mm².
-    pub fn astray(&self, beam: &SourceBeam, set: u64, rays: usize) -> Vec<(Kind, DVec2, f64)> {
+    pub fn stray_rays(&self, beam: &SourceBeam, set: u64, rays: usize) -> Vec<(Kind, DVec2, f64)> {
         let area = std::f64::consts::PI * beam.radius().powi(2) / rays.max(1) as f64;
         let mut found = vec![];
         for i in 0..rays {

@@ -2,7 +2,7 @@
 
 use super::operand::{Arrival, Seen, spot_changes};
 use super::{Freedom, Operand, OperandKind, Optimisation, Variable, Wanted};
-use crate::bundle::{ByParameters, LandingChange, Needed, Tracer};
+use crate::bundle::{ByParameters, FilmPointChange, Needed, Tracer};
 use crate::derivatives::{Differentiated, Parameter, sag_by};
 use crate::dual::{Dual, Number};
 use crate::glass::Glass;
@@ -102,7 +102,7 @@ impl Optimisation {
         let image_indices: Vec<f64> = (0..self.wavelengths.len()).map(|color| tracer.image_index(color)).collect();
         let is_spot = |o: &Operand| o.kind == OperandKind::Spot && o.wanted == Wanted::Target(0.0);
         let mut rays = vec![];
-        let mut changes: Vec<Vec<Vec<Vec<LandingChange>>>> = vec![];
+        let mut changes: Vec<Vec<Vec<Vec<FilmPointChange>>>> = vec![];
         // Fields whose rays are looked at by more than spots.
         let mut curved = vec![false; self.fields.len()];
         for (i, (field, (aimed, colors))) in self.fields.iter().zip(landed).enumerate() {
@@ -170,7 +170,7 @@ impl Optimisation {
             for o in &self.operands {
                 if is_spot(o) {
                     let field = o.field.unwrap_or(0);
-                    let by: Vec<&[LandingChange]> = changes[field].iter().map(|color| color[number].as_slice()).collect();
+                    let by: Vec<&[FilmPointChange]> = changes[field].iter().map(|color| color[number].as_slice()).collect();
                     column.extend(spot_changes(o, &self.weights, &rays[field], &by));
                 } else {
                     column.extend(terms.of(o, &seen).1.iter().map(|r| r.derivatives[0]));

@@ -38,7 +38,7 @@ fn distance(a: &Glass, b: &Glass) -> f64 {
 }
 
 impl GlassChoice {
-    /// Of vendors and single glasses by their names; those without an index at one of the wavelengths (nm) are left out. Fails on names that are neither.
+    /// A choice among the glasses of vendors and single glasses by their names; those without an index at one of the wavelengths (nm) are left out. Fails on names that are neither.
     pub fn new(surface: usize, names: &[String], wavelengths_nm: &[f64]) -> Result<GlassChoice, String> {
         let mut candidates: Vec<Glass> = vec![];
         for name in names {

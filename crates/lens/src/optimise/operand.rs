@@ -2,7 +2,7 @@
 
 use super::{Operand, OperandKind, Wanted};
 use crate::analysis::airy_mtf_of;
-use crate::bundle::{Landing, LandingChange};
+use crate::bundle::{FilmPointChange, TracedFilmPoint};
 use crate::dual::{Dual, Number};
 use crate::paraxial::Cardinal;
 use crate::tolerance::{Direction, wavefront_rms};
@@ -21,15 +21,15 @@ pub(super) struct Arrival<N> {
     pub weight: f64,
 }
 
-impl From<&Landing> for Arrival<f64> {
-    fn from(l: &Landing) -> Self {
+impl From<&TracedFilmPoint> for Arrival<f64> {
+    fn from(l: &TracedFilmPoint) -> Self {
         Arrival { place: l.place.to_array(), cosines: l.direction.to_array(), path: l.path, weight: l.weight }
     }
 }
 
 impl Arrival<f64> {
     /// With its change by one variable.
-    pub fn changing(&self, by: &LandingChange) -> Arrival<Dual<1>> {
+    pub fn changing(&self, by: &FilmPointChange) -> Arrival<Dual<1>> {
         let dual = |value: f64, by: f64| Dual { value, derivatives: [by] };
         Arrival {
             place: [0, 1].map(|i| dual(self.place[i], by.place[i])),
@@ -156,7 +156,12 @@ impl Terms<'_> {
 }
 
 /// Derivatives of the residuals of a spot that is made small, which are linear in the places: without numbers that carry them.
-pub(super) fn spot_changes(o: &Operand, weights: &[f64], colors: &[Vec<Arrival<f64>>], changes: &[&[LandingChange]]) -> Vec<f64> {
+pub(super) fn spot_changes(
+    o: &Operand,
+    weights: &[f64],
+    colors: &[Vec<Arrival<f64>>],
+    changes: &[&[FilmPointChange]],
+) -> Vec<f64> {
     let mut middle = [0.0; 2];
     for ((rays, changes), w) in colors.iter().zip(changes).zip(weights) {
         for (ray, change) in rays[1..].iter().zip(&changes[1..]) {

@@ -159,7 +159,7 @@ mod tests {
             let p = read_toml(&text, "x.toml").unwrap();
             let system = System::at(&p, State::default());
             let n = system.indices(550.0);
-            crate::axial_beam::widest_radius(&system, &n, 50.0).unwrap()
+            crate::f_number::widest_radius(&system, &n, 50.0).unwrap()
         };
         // 8 × 8 mm: 64 mm². The radius is from 64 directions: of a square 0.16 % from exact (its corners).
         let expected = (64.0 / std::f64::consts::PI).sqrt();

@@ -4,7 +4,7 @@ use super::infer::{overlap, reach};
 use super::{ApertureKind, LARGEST, MOST_SURFACES, Prescription, PrescriptionError, Surface, WAVELENGTHS_NM};
 use crate::aperture::{Aperture, Outline};
 use crate::at_stop;
-use crate::axial_beam;
+use crate::f_number;
 use crate::glass::{Glass, GlassKind};
 use crate::paraxial;
 use crate::ray::TracedRay;
@@ -261,9 +261,8 @@ impl Prescription {
         };
         // Less than this is the rounding of the figures.
         const ROUNDING: f64 = 0.99;
-        if let Some(found) = axial_beam::widest_radius(&system, &n, efl).filter(|r| *r < ROUNDING * wanted) {
-            let by =
-                axial_beam::clipping_surface(&system, &n, wanted).map_or(String::new(), |s| format!(" of surface {}", s + 1));
+        if let Some(found) = f_number::widest_radius(&system, &n, efl).filter(|r| *r < ROUNDING * wanted) {
+            let by = f_number::clipping_surface(&system, &n, wanted).map_or(String::new(), |s| format!(" of surface {}", s + 1));
             self.notes.push(format!(
                 "the file's entrance pupil of {:.4} mm (f/{:.2}) is clipped to {:.4} mm (f/{:.2}) by the rim{by}",
                 2.0 * wanted,

@@ -1,7 +1,7 @@
 //! What a prescription does not say and its other figures tell: stop, film and semi-diameters, and rims clipped where surfaces cross.
 
 use super::{ApertureKind, Gap, LARGEST, Prescription, PrescriptionError, Surface};
-use crate::axial_beam;
+use crate::f_number;
 use crate::paraxial;
 use crate::ray::{Apertures, TraceDirection, TracedRay};
 use crate::surface::Profile;
@@ -156,7 +156,7 @@ impl Prescription {
     fn marginal_radius(&self, system: &System, n: &[f64], first: &paraxial::FirstOrder, pupil: f64) -> Option<f64> {
         let near = self.usage.object_distance.filter(|d| d.is_finite() && *d < 1e9);
         if near.is_none() {
-            return axial_beam::stop_radius(system, n, first.efl, pupil);
+            return f_number::stop_radius(system, n, first.efl, pupil);
         }
         let mut radius = None;
         let ray = entrance_ray(first, near, 0.0, [0.0, pupil]);

@@ -132,7 +132,7 @@ pub struct Gap {
 }
 
 impl Gap {
-    /// The same always.
+    /// A length (mm) that is the same at all focus and zoom positions.
     pub fn fixed(mm: f64) -> Self {
         Gap { values: vec![vec![mm]] }
     }

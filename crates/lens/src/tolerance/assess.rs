@@ -9,7 +9,7 @@
 use super::parameter::Parameter;
 use super::quantity::{Direction, Quantity, QuantityKind};
 use crate::analysis::Bench;
-use crate::bundle::{Bundle, Landing, RayAiming, Sampling, Tracer, path_to_foot};
+use crate::bundle::{Bundle, RayAiming, Sampling, TracedFilmPoint, Tracer, path_to_foot};
 use crate::dual::Number;
 use crate::linear::Cholesky;
 use crate::paraxial::FirstOrder;
@@ -226,7 +226,7 @@ impl Assessment {
             let outline: Vec<(DVec2, f64)> = bundle.outline.iter().flatten().map(|p| (*p, 0.0)).collect();
             let waves = (0..wavelengths.len())
                 .map(|color| {
-                    let cosines = |l: &Landing| l.direction.truncate();
+                    let cosines = |l: &TracedFilmPoint| l.direction.truncate();
                     let rays: Vec<(DVec2, f64)> =
                         bundle.trace(&tracer, aimed, color)?.iter().map(|l| (cosines(l), l.weight)).collect();
                     let edge: Vec<DVec2> = bundle.trace_places(&tracer, aimed, color, &outline)?.iter().map(cosines).collect();
@@ -290,7 +290,7 @@ impl Assessment {
     }
 
     /// Where the rays of each field land, by wavelength; `None` of a field with a ray that does not arrive.
-    fn landed(&self, tracer: &Tracer) -> Vec<Option<Vec<Vec<Landing>>>> {
+    fn film_points(&self, tracer: &Tracer) -> Vec<Option<Vec<Vec<TracedFilmPoint>>>> {
         let of = |f: &FieldPlan| {
             let aimed = f.bundle.aim(tracer, self.reference, RayAiming::Stop)?;
             (0..self.wavelengths.len()).map(|color| f.bundle.trace(tracer, aimed, color)).collect()
@@ -301,10 +301,10 @@ impl Assessment {
     /// Places of all rays about the centroids of their fields (x and y by turns, mm times the root of their weight), the film refocused: the sum of
     /// their squares is that of the mean square spots. `None` where a field has no light.
     pub fn blur(&self, tracer: &Tracer) -> Option<Vec<f64>> {
-        let landed = self.landed(tracer);
-        let dz = self.refocus.map_or(0.0, |range| self.best_focus(&landed).clamp(-range, range));
+        let film_points = self.film_points(tracer);
+        let dz = self.refocus.map_or(0.0, |range| self.best_focus(&film_points).clamp(-range, range));
         let mut out = vec![];
-        for colors in landed {
+        for colors in film_points {
             let colors = colors?;
             let middle = self.mean(&colors, &|l| l.place + l.slope * dz);
             for (rays, w) in colors.iter().zip(&self.weights) {
@@ -317,16 +317,16 @@ impl Assessment {
     fn measure_adjusted(&self, p: &Prescription, amounts: &[f64]) -> Vec<f64> {
         let system = System::at(p, self.state);
         let mut tracer = Tracer::new(&system, &self.wavelengths);
-        let mut landed = self.landed(&tracer);
-        let refocus = self.refocus.map(|range| self.best_focus(&landed).clamp(-range, range));
+        let mut film_points = self.film_points(&tracer);
+        let refocus = self.refocus.map(|range| self.best_focus(&film_points).clamp(-range, range));
         let axis = self.axis.aim(&tracer, self.reference, RayAiming::Stop);
         let mut axis = axis.and_then(|aimed| Some(self.axis.trace(&tracer, aimed, self.reference)?[0]));
         if let Some(dz) = refocus {
-            let shift = |l: &mut Landing, n: f64| {
+            let shift = |l: &mut TracedFilmPoint, n: f64| {
                 l.place += l.slope * dz;
                 l.path += n * dz / l.direction.z;
             };
-            for colors in landed.iter_mut().flatten() {
+            for colors in film_points.iter_mut().flatten() {
                 for (color, rays) in colors.iter_mut().enumerate() {
                     let n = tracer.image_index(color);
                     rays.iter_mut().for_each(|l| shift(l, n));
@@ -344,7 +344,7 @@ impl Assessment {
         out.extend(amounts);
         let boresight = axis.map_or(DVec2::NAN, |l| l.place);
         out.extend([boresight.length(), boresight.x, boresight.y]);
-        for (field, rays) in self.fields.iter().zip(&landed) {
+        for (field, rays) in self.fields.iter().zip(&film_points) {
             match rays {
                 Some(rays) => self.measure_field(field, rays, &tracer, &first, boresight, &mut out),
                 None => {
@@ -359,10 +359,10 @@ impl Assessment {
     }
 
     /// Moves the film to the smallest mean square spot of all fields, mm along +z: least squares, since spots grow with the square.
-    fn best_focus(&self, landed: &[Option<Vec<Vec<Landing>>>]) -> f64 {
+    fn best_focus(&self, film_points: &[Option<Vec<Vec<TracedFilmPoint>>>]) -> f64 {
         let (mut cross, mut square) = (0.0, 0.0);
-        for colors in landed.iter().flatten() {
-            let mean = |f: &dyn Fn(&Landing) -> DVec2| self.mean(colors, f);
+        for colors in film_points.iter().flatten() {
+            let mean = |f: &dyn Fn(&TracedFilmPoint) -> DVec2| self.mean(colors, f);
             let (place, slope) = (mean(&|l| l.place), mean(&|l| l.slope));
             for (rays, w) in colors.iter().zip(&self.weights) {
                 for l in rays {
@@ -376,14 +376,14 @@ impl Assessment {
     }
 
     /// Mean over all rays and wavelengths.
-    fn mean(&self, colors: &[Vec<Landing>], f: &dyn Fn(&Landing) -> DVec2) -> DVec2 {
+    fn mean(&self, colors: &[Vec<TracedFilmPoint>], f: &dyn Fn(&TracedFilmPoint) -> DVec2) -> DVec2 {
         colors.iter().zip(&self.weights).map(|(rays, w)| *w * rays.iter().map(|l| f(l) * l.weight).sum::<DVec2>()).sum()
     }
 
     fn measure_field(
         &self,
         field: &FieldPlan,
-        colors: &[Vec<Landing>],
+        colors: &[Vec<TracedFilmPoint>],
         tracer: &Tracer,
         first: &FirstOrder,
         boresight: DVec2,
@@ -423,7 +423,7 @@ impl Assessment {
 
     /// Distance of the chief ray from the axial image over that of a rectilinear image of the lens's own focal length, as
     /// [`crate::analysis::FieldPoint`] has it; per cent.
-    fn distortion(&self, field_deg: f64, chief: &Landing, tracer: &Tracer, first: &FirstOrder, boresight: DVec2) -> f64 {
+    fn distortion(&self, field_deg: f64, chief: &TracedFilmPoint, tracer: &Tracer, first: &FirstOrder, boresight: DVec2) -> f64 {
         let (system, tan) = (&tracer.system, field_deg.to_radians().tan());
         let ideal = match self.object_distance {
             None => first.efl * tan + chief.slope.y * (system.film_z - system.last_z() - first.bfl),

@@ -213,7 +213,7 @@ impl Summary {
     /// The fractions of [`Summary::percentiles`].
     pub const PERCENTS: [f64; 5] = [2.0, 10.0, 50.0, 90.0, 98.0];
 
-    /// Of values in the order of the builds.
+    /// Statistics of the values of one quantity in the order of the builds; values that are not finite count as missing, and without any other the statistics are no number.
     pub fn of(values: impl IntoIterator<Item = f64>) -> Summary {
         let (mut all, mut missing) = (vec![], 0);
         for v in values {

@@ -278,7 +278,7 @@ fn behind_an_odd_number_of_mirrors_the_film_looks_the_other_way() {
         lens.trace_to_scene(&samples, |_, film| film.abs().max_element() <= 100.0, &mut scratch, &mut out);
         assert_eq!(out.passed, u32::MAX, "{name}");
         for k in 0..4 {
-            let (at, slope) = (out.lands[0][k], out.slopes[0][k]);
+            let (at, slope) = (out.film_points[0][k], out.slopes[0][k]);
             assert!((at[1] - 5.0).abs() < 0.05 && (slope[1] - out.slopes[0][0][1]).abs() < 1e-3, "{name}: {at:?} {slope:?}");
         }
         // Nearer things are sharp farther from the mirror, by Newton's f² / x.

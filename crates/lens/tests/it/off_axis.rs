@@ -313,7 +313,7 @@ fn photographs_look_along_the_base_ray() {
         let both = exits.passed & back.passed;
         assert!(both.count_ones() as usize > lanes / 2, "{text}: {:b} {:b}", exits.passed, back.passed);
         for i in (0..lanes).filter(|i| both >> i & 1 == 1) {
-            let apart = glam::Vec2::from_array(back.lands[i][0]).as_dvec2() - samples.film[i];
+            let apart = glam::Vec2::from_array(back.film_points[i][0]).as_dvec2() - samples.film[i];
             assert!(apart.length() < 2e-3 && (back.weight[i][0] / exits.weight[i][0] - 1.0).abs() < 0.02, "{text} {i}: {apart}");
         }
     }

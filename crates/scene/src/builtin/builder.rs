@@ -13,11 +13,13 @@ use glam::{Affine3A, Quat, Vec3};
 pub(crate) struct Builder(pub Description);
 
 impl Builder {
+    /// Adds a material; gives its number.
     pub fn material(&mut self, material: Material) -> u32 {
         self.0.materials.push(material);
         self.0.materials.len() as u32 - 1
     }
 
+    /// Adds a glossy plastic of a roughness √α under a clear coat of a strength (0 to 1); gives its number.
     pub fn glossy(&mut self, name: &str, color: Color, roughness: f32, coat: f32) -> u32 {
         let principled = Principled {
             roughness: Scalar::Constant(roughness),
@@ -28,29 +30,35 @@ impl Builder {
         self.material(Material::new(name, Scattering::Principled(Box::new(principled))))
     }
 
+    /// Adds a metal of GGX width α; gives its number.
     pub fn metal(&mut self, name: &str, alpha: f32) -> u32 {
         let conductor = Conductor::metal(name, alpha).expect("a known metal");
         self.material(Material::new(name, Scattering::Conductor(conductor)))
     }
 
+    /// Adds a mesh; gives its number.
     pub fn mesh(&mut self, mesh: Mesh) -> u32 {
         self.0.meshes.push(mesh.into());
         self.0.meshes.len() as u32 - 1
     }
 
+    /// Adds an object of a mesh and a material by their numbers, at a place, m, turned.
     pub fn place(&mut self, name: &str, mesh: u32, material: u32, at: Vec3, turn: Quat) {
         let shape = Shape::Mesh { mesh, world_from_mesh: Affine3A::from_rotation_translation(turn, at) };
         self.0.objects.push(Object::new(name, shape, material));
     }
 
+    /// Adds a sphere, m, of a material by its number.
     pub fn sphere(&mut self, name: &str, center: Vec3, radius: f32, material: u32) {
         self.0.objects.push(Object::new(name, Shape::Sphere(Sphere { center, radius }), material));
     }
 
+    /// Adds a parallelogram, m, of a material by its number.
     pub fn quad(&mut self, name: &str, corner: Vec3, edges: [Vec3; 2], material: u32) {
         self.0.objects.push(Object::new(name, Shape::Quad(Quad { corner, edges }), material));
     }
 
+    /// Adds a diffuse material of a linear sRGB albedo; gives its number.
     pub fn matte(&mut self, name: &str, [r, g, b]: [f32; 3]) -> u32 {
         self.material(Material::new(name, Scattering::Diffuse(Color::rgb(r, g, b))))
     }

@@ -78,7 +78,7 @@ impl Emitters<'_> {
     /// Where one is at a time of the exposure.
     #[inline]
     fn placed(&self, number: u32, time_s: f32) -> Cow<'_, AreaLight> {
-        self.scene.placed_light(&self.found.lights[number as usize], self.found.ways[number as usize], time_s)
+        self.scene.placed_light(&self.found.lights[number as usize], self.found.motions[number as usize], time_s)
     }
 
     /// Its middle at a time of the exposure, m.
@@ -98,7 +98,7 @@ impl Emitters<'_> {
         self.placed(number, time_s).sample_li(p, u, number)
     }
 
-    /// Density (1/sr) with which [`Emitters::sample_li`] aims from `p` at a point of it, which lies in a direction (unit vector).
+    /// Density (1/sr) with which [`Emitters::sample_li`] samples from `p` a point of it, which lies in a direction (unit vector).
     #[inline]
     pub fn density(&self, number: u32, p: Vec3, direction: Vec3, point: Vec3, time_s: f32) -> f32 {
         let light = self.placed(number, time_s);

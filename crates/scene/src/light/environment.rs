@@ -22,7 +22,7 @@ pub struct Environment {
     /// Turns directions of the map into directions of the world.
     world_from_map: Mat3,
     scale: f32,
-    /// What there is to aim at.
+    /// Where light samples are drawn from.
     grid: Option<Arc<Grid2>>,
     /// Light of a map of one colour, at a scale of 1.
     even: Option<Spectrum>,
@@ -86,10 +86,10 @@ impl Environment {
         let sum: f64 =
             (0..height).flat_map(|r| (0..width).map(move |c| (r, c))).map(|(r, c)| (luminance(c, r) * sine(r)) as f64).sum();
         let mean = (sum / total.max(1e-30)) as f32;
-        // Aim only at what is brighter than the mean: the even rest is found better by scattered rays, and multiple
+        // Sample only what is brighter than the mean: the even rest is found better by scattered rays, and multiple
         // importance sampling puts both together (Karlík et al. 2019, "MIS Compensation").
         let brightest = map.data.chunks_exact(3).map(|p| Vec3::from_slice(p).dot(SRGB_LUMINANCE)).fold(0.0, f32::max);
-        let aimed = brightest > EVEN * mean;
+        let is_sampled = brightest > EVEN * mean;
         for row in 0..height {
             for column in 0..width {
                 // Bilinear lookup reaches into the neighbours: so must the weight.
@@ -104,8 +104,8 @@ impl Environment {
                 weights.push((0.75 * here + 0.25 * reach - mean).max(0.0) * sine(row));
             }
         }
-        let grid = aimed.then(|| Grid2::new(&weights, width));
-        let excess = if aimed { (weights.iter().map(|w| *w as f64).sum::<f64>() / total.max(1e-30)) as f32 } else { 0.0 };
+        let grid = is_sampled.then(|| Grid2::new(&weights, width));
+        let excess = if is_sampled { (weights.iter().map(|w| *w as f64).sum::<f64>() / total.max(1e-30)) as f32 } else { 0.0 };
         let first = map.pixel(0, 0);
         let even = map.data.chunks_exact(3).all(|p| p == first).then(|| Spectrum::light_from_rgb(Vec3::from_slice(first)));
         let (mean_luminance, sampled_luminance) = (mean * scale, excess * scale);
@@ -191,7 +191,7 @@ impl Environment {
         self.rgb_at(self.place(direction))
     }
 
-    /// The same at a place of the map (0..1 across and down).
+    /// Linear sRGB in cd/m² at a place of the map (0..1 across and down).
     pub fn rgb_at(&self, place: Vec2) -> Vec3 {
         let (w, h) = (self.map.width, self.map.height);
         let p = place * Vec2::new(w as f32, h as f32) - 0.5;
@@ -308,7 +308,7 @@ mod tests {
                 env.pdf(light_sample.wi),
                 light_sample.pdf
             );
-            let LightPoint::Environment(place) = light_sample.spot else { panic!("the environment aims at itself") };
+            let LightPoint::Environment(place) = light_sample.spot else { panic!("the environment samples itself") };
             assert!((env.rgb_at(place) - env.rgb(light_sample.wi)).abs().max_element() < 0.02 * env.rgb(light_sample.wi).x + 0.5);
             bright += (env.rgb(light_sample.wi).x > 100.0) as u32;
         }

@@ -1,4 +1,4 @@
-//! Things that send out light, and how a point decides which of them to aim at.
+//! Things that send out light, and how a point decides which of them to sample.
 //!
 //! [`area`] (emissive triangles, parallelograms, spheres), [`punctual`] (glTF's point, spot and directional lights),
 //! [`photometry`] (measured intensities by direction, IES), [`emitters`] (all that shines by itself, as a camera sees it), [`environment`] (a lat-long map
@@ -110,8 +110,8 @@ pub(crate) struct Placed {
     pub flash: bool,
 }
 
-/// Fraction of the aims that go to flashes while one burns.
-const FLASH_SHARE: f32 = 0.5;
+/// Fraction of the light samples that go to flashes while one burns.
+const FLASH_FRACTION: f32 = 0.5;
 
 impl Lights {
     /// Prepares the choice among lights.
@@ -180,7 +180,7 @@ impl Lights {
         }
     }
 
-    /// Whether there is no light to aim at.
+    /// Whether there is no light to sample.
     pub fn is_empty(&self) -> bool {
         self.tree_lights.is_empty() && self.infinite.is_empty() && self.flashes.is_empty()
     }
@@ -191,13 +191,13 @@ impl Lights {
         !self.tree_lights.is_empty() || (flash_burns && !self.flashes.is_empty())
     }
 
-    /// Fraction of the aims that go to flashes.
+    /// Fraction of the light samples that go to flashes.
     #[inline]
     fn flash_probability(&self, flash_burns: bool) -> f32 {
         match (flash_burns && !self.flashes.is_empty(), self.tree_lights.is_empty() && self.infinite.is_empty()) {
             (false, _) => 0.0,
             (true, true) => 1.0,
-            (true, false) => FLASH_SHARE,
+            (true, false) => FLASH_FRACTION,
         }
     }
 
@@ -294,7 +294,7 @@ impl Lights {
         match flash_burns && !self.flashes.is_empty() {
             false => 0.0,
             true if self.tree_lights.is_empty() => 1.0,
-            true => FLASH_SHARE,
+            true => FLASH_FRACTION,
         }
     }
 

@@ -30,7 +30,7 @@ struct Piece {
     strength: f32,
 }
 
-/// Smooth bodies of glass, smooth metals: what photons are aimed at.
+/// Smooth bodies of glass, smooth metals: where photons are sent.
 #[derive(Clone, Debug)]
 pub(super) struct Casters {
     pieces: Vec<Piece>,

@@ -48,7 +48,7 @@ pub(crate) struct CandidateSet {
 }
 
 impl CandidateSet {
-    /// Of a pool that is not empty.
+    /// Candidates of a pool that is not empty.
     pub fn new(pool: &LightVertices, mut numbers: Stream) -> CandidateSet {
         let numbers = std::array::from_fn(|k| {
             let place = (k as f32 + numbers.draw()) / CANDIDATES as f32 * pool.len() as f32;
@@ -219,13 +219,13 @@ impl<'a> CameraVertex<'_, 'a> {
                 continue;
             }
             let (passed, to_lamp) = match y.diffuse >= 0.0 {
-                true => (y.diffuse, y.arrives * std::f32::consts::FRAC_1_PI),
+                true => (y.diffuse, y.cos_incident * std::f32::consts::FRAC_1_PI),
                 false => {
                     let (surface, material, around, to_prev) = pool.at(number);
                     match material.bsdf(surface, -wi, self.wavelengths, false, around) {
                         Some(bsdf) => {
                             let (f, pdf) = bsdf.eval(to_prev);
-                            (0.25 * f.element_sum() / y.arrives.max(LEAST_COSINE), pdf)
+                            (0.25 * f.element_sum() / y.cos_incident.max(LEAST_COSINE), pdf)
                         }
                         None => continue,
                     }
@@ -273,7 +273,7 @@ impl<'a> CameraVertex<'_, 'a> {
         let weight = 1.0 / (1.0 + light_side_ratio(&state.weights, pdf * geometry, to_lamp) + above);
         let chance = total / (target * CANDIDATES as f32) * pool.len() as f32 / pool.paths as f32;
         let light = throughput * f * state.flux * passed;
-        let light = light * (geometry / y.arrives.max(LEAST_COSINE) * chance * weight as f32);
+        let light = light * (geometry / y.cos_incident.max(LEAST_COSINE) * chance * weight as f32);
         if light.is_finite() { light } else { SampledSpectrum::ZERO }
     }
 }

@@ -22,7 +22,7 @@ const THICKNESS: f32 = 0.3;
 
 /// Photons around a point from which on the disc is smaller: in a focus far more lie within the radius than are needed for a mean, and gathering
 /// them would take the time and the sharpness.
-const CROWD: u32 = 1024;
+const MAX_PHOTONS_GATHERED: u32 = 1024;
 
 /// Least cosine between the normals of a photon's surface and of the one that gathers it.
 const SAME_SIDE: f32 = 0.7;
@@ -93,7 +93,7 @@ impl<'a> PhotonMap<'a> {
         if crowd == 0 {
             return sum;
         }
-        let radius = self.radius * (CROWD as f32 / crowd.max(CROWD) as f32).sqrt();
+        let radius = self.radius * (MAX_PHOTONS_GATHERED as f32 / crowd.max(MAX_PHOTONS_GATHERED) as f32).sqrt();
         let (r2, ng) = (radius * radius, surface.ng);
         let (scene, lamps) = (self.caustics.scene, &self.caustics.emission.lamps);
         let mut last: Option<(u32, SampledSpectrum)> = None;

@@ -9,7 +9,7 @@
 //! # Which path is found by whom
 //!
 //! Vertices from the lamp: `L` a lamp that photons are emitted from; `C` a specular event at a smooth body of glass or metal (a *caster*,
-//! those of `casters.rs`); `T` straight through a smooth thin sheet; `P` any other specular event (the polish of a plastic, the reflection of a pane);
+//! those of `casters.rs`); `T` straight through a smooth thin dielectric; `P` any other specular event (the polish of a plastic, the reflection of a thin dielectric);
 //! `D` scattering by a lobe that is not specular, at a surface; `N` the same by a lobe narrower than `BROAD_ALPHA`; `M` in a homogeneous medium, `V` in another
 //! one (different from place to place, or below a surface that looks as one); `E` the camera. Faces of media and hidden faces are no events.
 //!
@@ -303,7 +303,7 @@ impl CausticSuffix {
         *self = CausticSuffix { scattered: medium.scatters_homogeneously().then_some(SampledSpectrum::ZERO), is_bent: false };
     }
 
-    /// The path went on by a specular event that is no straight passage through a thin sheet.
+    /// The path went on by a specular event that is no straight passage through a thin dielectric.
     #[inline]
     pub fn bend(&mut self, by_caster: bool) {
         match by_caster {

@@ -14,7 +14,7 @@
 //! ratios of neighbouring strategies only, which both sides carry along their paths (Georgiev, Křivánek, Davidovič & Slusallek 2012, "Light Transport
 //! Simulation with Vertex Connection and Merging", technical report "Implementing Vertex Connection and Merging").
 //!
-//! A connection needs two vertices that are no mirrors and a straight line on which nothing is: no medium, no face of one, no thin sheet (light from infinity
+//! A connection needs two vertices that are no mirrors and a straight line on which nothing is: no medium, no face of one, no thin dielectric (light from infinity
 //! comes to v₁ through smooth ones: they are no vertices). Light paths end at the same things, at strands, mixtures and dispersing bodies, and where the *first* surface mirrors or refracts: that light is the
 //! photons' or chance's. What cannot be connected so has only the strategies that it had before, on whatever side it lies.
 //!
@@ -147,7 +147,7 @@ pub(super) struct Candidate {
     /// Geometric normal on the side where the light arrives.
     pub ng: Vec3,
     /// Cosine under which the light arrives.
-    pub arrives: f32,
+    pub cos_incident: f32,
     /// Mean of the flux.
     pub flux: f32,
     /// Albedo / π where all that it does is to reflect diffusely, else negative.
@@ -466,7 +466,7 @@ impl<'a> Connections<'a> {
                     weights: here.weights,
                     point: surface.point,
                     ng,
-                    arrives: ng.dot(to_prev).abs(),
+                    cos_incident: ng.dot(to_prev).abs(),
                     flux: mean(here.flux),
                     diffuse: diffuse.unwrap_or(-1.0),
                     events: depth + 1 + start.thin_dielectrics,

@@ -36,7 +36,7 @@ pub(super) struct VolumeMap<'a> {
 }
 
 impl<'a> VolumeMap<'a> {
-    /// Of photons that are gathered by rays within a radius, m.
+    /// A map of photons that are gathered by rays within a radius, m.
     pub fn new(unsorted: Vec<VolumePhoton<'a>>, radius: f32) -> Self {
         let whole = Bounds::around(unsorted.iter().map(|p| p.photon.point));
         let scale = ((1 << ORDER_BITS) - 1) as f32 / whole.size().max(Vec3::splat(f32::MIN_POSITIVE));

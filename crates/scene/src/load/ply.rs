@@ -278,7 +278,7 @@ impl Body<'_> {
 
 /// Where a property of a vertex goes.
 #[derive(Clone, Copy)]
-enum Goes {
+enum Target {
     Position(usize),
     Normal(usize),
     Uv(usize),
@@ -289,29 +289,29 @@ enum Goes {
 
 fn vertices(body: &mut Body, element: &Element, mesh: &mut Mesh) -> Result<(), PlyError> {
     let goes = |p: &Property| match p.name.as_str() {
-        _ if p.list.is_some() => Goes::Nowhere,
-        "x" => Goes::Position(0),
-        "y" => Goes::Position(1),
-        "z" => Goes::Position(2),
-        "nx" => Goes::Normal(0),
-        "ny" => Goes::Normal(1),
-        "nz" => Goes::Normal(2),
-        "u" | "s" | "texture_u" | "texture_s" => Goes::Uv(0),
-        "v" | "t" | "texture_v" | "texture_t" => Goes::Uv(1),
+        _ if p.list.is_some() => Target::Nowhere,
+        "x" => Target::Position(0),
+        "y" => Target::Position(1),
+        "z" => Target::Position(2),
+        "nx" => Target::Normal(0),
+        "ny" => Target::Normal(1),
+        "nz" => Target::Normal(2),
+        "u" | "s" | "texture_u" | "texture_s" => Target::Uv(0),
+        "v" | "t" | "texture_v" | "texture_t" => Target::Uv(1),
         "red" | "green" | "blue" | "alpha" => {
             let i = ["red", "green", "blue", "alpha"].iter().position(|n| *n == p.name).unwrap_or(0);
-            Goes::Color(i, if p.kind == Number::U8 { 255.0 } else { 1.0 })
+            Target::Color(i, if p.kind == Number::U8 { 255.0 } else { 1.0 })
         }
-        _ => Goes::Nowhere,
+        _ => Target::Nowhere,
     };
-    let ways: Vec<Goes> = element.properties.iter().map(goes).collect();
-    let count_of = |f: fn(&Goes) -> bool| ways.iter().filter(|w| f(w)).count();
-    if count_of(|w| matches!(w, Goes::Position(_))) != 3 {
+    let targets: Vec<Target> = element.properties.iter().map(goes).collect();
+    let count_of = |f: fn(&Target) -> bool| targets.iter().filter(|w| f(w)).count();
+    if count_of(|w| matches!(w, Target::Position(_))) != 3 {
         return Err(wrong("vertices without x, y and z", "these three"));
     }
-    let normals = count_of(|w| matches!(w, Goes::Normal(_))) == 3;
-    let uvs = count_of(|w| matches!(w, Goes::Uv(_))) == 2;
-    let colors = count_of(|w| matches!(w, Goes::Color(..))) >= 3;
+    let normals = count_of(|w| matches!(w, Target::Normal(_))) == 3;
+    let uvs = count_of(|w| matches!(w, Target::Uv(_))) == 2;
+    let colors = count_of(|w| matches!(w, Target::Color(..))) >= 3;
     mesh.positions.reserve(element.count);
     let stride: usize = element.properties.iter().map(|p| p.kind.size()).sum();
     if body.layout != Layout::Text && element.properties.iter().all(|p| p.list.is_none()) && !(normals || uvs || colors) {
@@ -319,8 +319,8 @@ fn vertices(body: &mut Body, element: &Element, mesh: &mut Mesh) -> Result<(), P
         let big = body.layout == Layout::Big;
         let mut at = [(0, Number::F32); 3];
         let mut offset = 0;
-        for (property, way) in element.properties.iter().zip(&ways) {
-            if let Goes::Position(i) = way {
+        for (property, target) in element.properties.iter().zip(&targets) {
+            if let Target::Position(i) = target {
                 at[*i] = (offset, property.kind);
             }
             offset += property.kind.size();
@@ -332,18 +332,18 @@ fn vertices(body: &mut Body, element: &Element, mesh: &mut Mesh) -> Result<(), P
     }
     for _ in 0..element.count {
         let (mut position, mut normal, mut uv, mut color) = (Vec3::ZERO, Vec3::ZERO, Vec2::ZERO, Vec4::ONE);
-        for (property, way) in element.properties.iter().zip(&ways) {
+        for (property, target) in element.properties.iter().zip(&targets) {
             if property.list.is_some() {
                 body.skip(property)?;
                 continue;
             }
             let v = body.number(property.kind)? as f32;
-            match way {
-                Goes::Position(i) => position[*i] = v,
-                Goes::Normal(i) => normal[*i] = v,
-                Goes::Uv(i) => uv[*i] = v,
-                Goes::Color(i, most) => color[*i] = v / most,
-                Goes::Nowhere => (),
+            match target {
+                Target::Position(i) => position[*i] = v,
+                Target::Normal(i) => normal[*i] = v,
+                Target::Uv(i) => uv[*i] = v,
+                Target::Color(i, most) => color[*i] = v / most,
+                Target::Nowhere => (),
             }
         }
         mesh.positions.push(position);

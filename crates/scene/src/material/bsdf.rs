@@ -128,7 +128,7 @@ impl Bsdf<'_> {
         }
     }
 
-    /// Whether light that is aimed at could not come this way: mirrors and clear glass.
+    /// Whether light samples could not come this way: mirrors and clear glass.
     pub fn is_specular(&self) -> bool {
         match &self.lobes {
             Lobes::Diffuse { .. } | Lobes::DiffuseTransmission { .. } | Lobes::Hair(_) | Lobes::Measured(_) => false,
@@ -138,7 +138,7 @@ impl Bsdf<'_> {
         }
     }
 
-    /// Fraction of light that goes through without being bent or blurred, at the four wavelengths: of smooth thin sheets; `None` of all else.
+    /// Fraction of light that goes through without being bent or blurred, at the four wavelengths: of smooth thin dielectrics; `None` of all else.
     pub fn straight_through(&self) -> Option<SampledSpectrum> {
         match &self.lobes {
             Lobes::Principled(lobes) => lobes.straight_through(self.frame.wo),

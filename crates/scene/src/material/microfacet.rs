@@ -82,7 +82,7 @@ impl Ggx {
         Ggx { x: alpha, y: alpha }
     }
 
-    /// Of two widths α (0 to 1), along x and y; a mirror is one in both directions or in none.
+    /// A distribution of two widths α (0 to 1), along x and y; a mirror is one in both directions or in none.
     #[inline]
     pub fn new(x: f32, y: f32) -> Self {
         if x.max(y) < SMOOTH { Ggx { x, y } } else { Ggx { x: x.max(SMOOTH), y: y.max(SMOOTH) } }

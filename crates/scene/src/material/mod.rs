@@ -65,7 +65,7 @@ inputs_struct!(Material { scattering, emission, normal_map, bump, coverage } wit
 /// What is behind a surface that light goes through.
 #[derive(Clone, Debug, Default)]
 pub enum Interior {
-    /// What is before it: a thin sheet, or nothing that light would notice.
+    /// What is before it: a thin dielectric, or nothing that light would notice.
     #[default]
     Same,
     /// A body that takes the place of what is around it.
@@ -237,7 +237,7 @@ pub enum EmissionColor {
         /// The image.
         texture: Texture,
     },
-    /// The colour of the surface itself ([`Surface::color`]): Gaussian splats. Lamps of this kind are met by chance, never aimed at.
+    /// The colour of the surface itself ([`Surface::color`]): Gaussian splats. Lamps of this kind are met by chance, never sampled.
     Captured {
         /// Luminance of display white, cd/m².
         factor: f32,
@@ -437,7 +437,7 @@ impl Material {
         }
     }
 
-    /// Whether light may go through it as if it were not there, or only dimmer: faces of media, smooth thin sheets.
+    /// Whether light may go through it as if it were not there, or only dimmer: faces of media, smooth thin dielectrics.
     pub fn may_transmit_straight(&self) -> bool {
         fn of(scattering: &Scattering) -> bool {
             match scattering {

@@ -22,22 +22,27 @@ pub(crate) struct Complex {
 impl Complex {
     pub const ONE: Complex = Complex::real(SampledSpectrum::ONE);
 
+    /// A real number at each wavelength.
     pub const fn real(re: SampledSpectrum) -> Self {
         Complex { re, im: SampledSpectrum::ZERO }
     }
 
+    /// The same real number at all wavelengths.
     pub fn splat(re: f32) -> Self {
         Complex::real(SampledSpectrum::splat(re))
     }
 
+    /// The complex conjugate.
     pub fn conj(self) -> Self {
         Complex { re: self.re, im: -self.im }
     }
 
+    /// The squared magnitude.
     pub fn norm2(self) -> SampledSpectrum {
         self.re * self.re + self.im * self.im
     }
 
+    /// The number times a real factor.
     pub fn scaled(self, factor: SampledSpectrum) -> Self {
         Complex { re: self.re * factor, im: self.im * factor }
     }
@@ -107,7 +112,7 @@ impl InPlane {
     pub const NOTHING: InPlane =
         InPlane { s: SampledSpectrum::ZERO, p: SampledSpectrum::ZERO, z: Complex::real(SampledSpectrum::ZERO) };
 
-    /// Of amplitudes.
+    /// What amplitudes of s and p do to intensities and to the phase between them.
     pub fn of([s, p]: [Complex; 2]) -> Self {
         InPlane { s: s.norm2(), p: p.norm2(), z: s * p.conj() }
     }
@@ -117,6 +122,7 @@ impl InPlane {
         (self.s + self.p) * 0.5
     }
 
+    /// All of it times a factor.
     pub fn scaled(self, factor: SampledSpectrum) -> Self {
         InPlane { s: self.s * factor, p: self.p * factor, z: self.z.scaled(factor) }
     }
@@ -219,8 +225,8 @@ pub(crate) fn film(cos: f32, index: f32, base: SampledSpectrum, phase: SampledSp
     [InPlane::of([rs, rp]), InPlane::of([ts, tp])]
 }
 
-/// A pane or any two parallel equal faces without interference: what it reflects and transmits, by what one face does.
-pub(crate) fn pane([r, t]: [InPlane; 2]) -> [InPlane; 2] {
+/// A thin dielectric, or any two parallel equal faces without interference: what it reflects and transmits, by what one face does.
+pub(crate) fn thin_dielectric_faces([r, t]: [InPlane; 2]) -> [InPlane; 2] {
     let back = r.times(r);
     [r.plus(t.times(t).times(r).again_and_again(back)), t.times(t).again_and_again(back)]
 }
@@ -412,7 +418,7 @@ mod tests {
     fn a_pane_reflects_each_component_by_both_faces() {
         let (cos, n) = (0.5f32, 1.5f32);
         let one = dielectric(cos, n);
-        let [r, t] = pane(one);
+        let [r, t] = thin_dielectric_faces(one);
         // 2 R / (1 + R) of each component; nothing is lost.
         assert!((r.s.x - 2.0 * one[0].s.x / (1.0 + one[0].s.x)).abs() < 1e-6);
         assert!((r.p.x - 2.0 * one[0].p.x / (1.0 + one[0].p.x)).abs() < 1e-6);

@@ -31,7 +31,7 @@ use std::sync::Arc;
 /// What is behind a transmitting surface.
 #[derive(Clone, Debug)]
 pub enum Transmission {
-    /// The surface is a thin sheet: light goes straight on.
+    /// The surface is a thin dielectric: light goes straight on.
     Thin,
     /// The surface bounds a body: light is bent.
     Solid,
@@ -41,10 +41,20 @@ exact_enum!(Transmission { Thin, Solid });
 
 impl Inputs for Transmission {}
 
-/// Declares [`Principled`], a line a parameter: name, type, and what it is by [`Principled::new`]. From these lines come the structure, `new`, the form in which
+/// The key of a parameter in files: its name, or the one that it had first.
+macro_rules! key {
+    ($field:ident) => {
+        stringify!($field)
+    };
+    ($field:ident $key:literal) => {
+        $key
+    };
+}
+
+/// Declares [`Principled`], a line a parameter: name (`as` its key in files where that is another), type, and what it is by [`Principled::new`]. From these lines come the structure, `new`, the form in which
 /// files keep it (their names and order are the file's) and its inputs.
 macro_rules! principled {
-    ($( $(#[$doc:meta])* $field:ident: $type:ty = $default:expr, )+) => {
+    ($( $(#[$doc:meta])* $field:ident $(as $key:literal)?: $type:ty = $default:expr, )+) => {
         /// Parameters of the model.
         #[derive(Clone, Debug)]
         pub struct Principled {
@@ -81,7 +91,7 @@ macro_rules! principled {
                 let mut object = serde_json::Map::new();
                 object.insert("base_color".to_owned(), self.base_color.write(sink));
                 object.insert("ior".to_owned(), self.ior.write(sink));
-                $( object.insert(stringify!($field).to_owned(), self.$field.write(sink)); )+
+                $( object.insert(key!($field $($key)?).to_owned(), self.$field.write(sink)); )+
                 Value::Object(object)
             }
 
@@ -92,7 +102,7 @@ macro_rules! principled {
                 }
                 // Its tables come from these two.
                 let plain = Principled::new(field(value, "base_color", source)?, ior);
-                Ok(Principled { $( $field: field(value, stringify!($field), source)?, )+ ..plain })
+                Ok(Principled { $( $field: field(value, key!($field $($key)?), source)?, )+ ..plain })
             }
         }
 
@@ -113,8 +123,8 @@ principled! {
     transmission: Scalar = Scalar::Constant(0.0),
     /// What is behind.
     kind: Transmission = Transmission::Thin,
-    /// Thin dielectric with reflections between its two faces (a pane of glass; PBR 4ed, section 9.5); smooth ones only.
-    pane: bool = false,
+    /// Thin dielectric with reflections between its two faces (a window pane; PBR 4ed, section 9.5); smooth ones only.
+    thin_dielectric as "pane": bool = false,
     /// Light goes to and fro between the diffuse base and the interface above: bright bases become more saturated.
     layered: bool = false,
     /// Strength of the clear coat (index 1.5).
@@ -170,7 +180,7 @@ impl Principled {
         }
     }
 
-    /// Whether it may be a smooth thin sheet that lets light through.
+    /// Whether it may be a smooth thin dielectric that lets light through.
     pub(super) fn may_transmit_straight(&self) -> bool {
         let smooth = match &self.roughness {
             Scalar::Constant(r) => r * r < SMOOTH,
@@ -243,7 +253,7 @@ impl Principled {
         PrincipledLobes {
             base,
             under: if self.layered { self.seen_through(base, roughness) } else { base },
-            pane: self.pane,
+            thin_dielectric: self.thin_dielectric,
             metallic,
             roughness,
             facets,

@@ -22,7 +22,7 @@ use glam::Vec3;
 const MOST_COLLISIONS: u32 = 1 << 20;
 
 /// Transmittance below which Russian roulette decides whether it is estimated further.
-const LITTLE: f32 = 0.1;
+const ROULETTE_TRANSMITTANCE: f32 = 0.1;
 
 /// A part of a ray in a volume.
 pub(crate) struct Track<'a> {
@@ -250,7 +250,7 @@ impl<'a> Track<'a> {
                     .clamp(SampledSpectrum::ZERO, SampledSpectrum::ONE);
                 collisions += 1;
                 let most = left.max_element();
-                if most < LITTLE && !survives(&mut left, most / LITTLE, stream.draw()) {
+                if most < ROULETTE_TRANSMITTANCE && !survives(&mut left, most / ROULETTE_TRANSMITTANCE, stream.draw()) {
                     return SampledSpectrum::ZERO;
                 }
                 if collisions > MOST_COLLISIONS {

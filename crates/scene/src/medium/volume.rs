@@ -43,10 +43,10 @@ struct Content {
 pub struct VolumePlace {
     world_from_own: Affine3A,
     own_from_world: Affine3A,
-    way: Option<Box<InstanceMotion>>,
+    motion: Option<Box<InstanceMotion>>,
 }
 
-/// A way from one place to another: straight, and turning evenly.
+/// A motion from one place to another: straight, and turning evenly.
 #[derive(Clone, Debug)]
 struct InstanceMotion {
     world_from_parent: Affine3A,
@@ -154,36 +154,36 @@ impl VolumePlace {
     pub fn still(world_from_own: Affine3A) -> Option<Self> {
         let own_from_world = world_from_own.inverse();
         let usable = world_from_own.is_finite() && own_from_world.is_finite();
-        usable.then_some(VolumePlace { world_from_own, own_from_world, way: None })
+        usable.then_some(VolumePlace { world_from_own, own_from_world, motion: None })
     }
 
     /// One that moves between two moments (s of the scene), and stands still before and after; `None` if the second is not later, or a scale is 0, not finite, or changes
     /// its sign.
     pub fn moving(times_s: [f64; 2], keys: [Parts; 2]) -> Option<Self> {
-        let way = InstanceMotion { world_from_parent: Affine3A::IDENTITY, times_s, keys };
+        let motion = InstanceMotion { world_from_parent: Affine3A::IDENTITY, times_s, keys };
         let usable = keys.iter().all(|k| k.scale.abs().min_element() > 0.0 && k.scale.is_finite()) && times_s[0] < times_s[1];
-        let start = usable.then(|| VolumePlace::still(way.at(times_s[0]))).flatten()?;
+        let start = usable.then(|| VolumePlace::still(motion.at(times_s[0]))).flatten()?;
         // Scales that change their sign pass 0.
         let turns = keys[0].scale * keys[1].scale;
-        (turns.min_element() > 0.0).then(|| VolumePlace { way: Some(Box::new(way)), ..start })
+        (turns.min_element() > 0.0).then(|| VolumePlace { motion: Some(Box::new(motion)), ..start })
     }
 
     /// The same with its surroundings placed elsewhere.
     pub fn placed(&self, outer: Affine3A) -> Self {
         let world_from_own = outer * self.world_from_own;
-        let way = self
-            .way
+        let motion = self
+            .motion
             .as_ref()
             .map(|w| Box::new(InstanceMotion { world_from_parent: outer * w.world_from_parent, ..(**w).clone() }));
-        VolumePlace { world_from_own, own_from_world: world_from_own.inverse(), way }
+        VolumePlace { world_from_own, own_from_world: world_from_own.inverse(), motion }
     }
 
     /// Its space from the world at a moment, s.
     #[inline]
     pub fn own_from_world(&self, time_s: f64) -> Affine3A {
-        match &self.way {
+        match &self.motion {
             None => self.own_from_world,
-            Some(way) => way.at(time_s).inverse(),
+            Some(motion) => motion.at(time_s).inverse(),
         }
     }
 }
@@ -485,14 +485,14 @@ exact_struct!(Tint { scale, sigmoid });
 
 impl Exact for VolumePlace {
     fn write(&self, sink: &mut Sink) -> Value {
-        let object = [("world_from_own", self.world_from_own.write(sink)), ("way", self.way.write(sink))];
+        let object = [("world_from_own", self.world_from_own.write(sink)), ("way", self.motion.write(sink))];
         object.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()
     }
 
     fn read(value: &Value, source: &Source) -> Result<Self, String> {
         let place =
             VolumePlace::still(field(value, "world_from_own", source)?).ok_or("a volume in a place that cannot be inverted")?;
-        Ok(VolumePlace { way: field(value, "way", source)?, ..place })
+        Ok(VolumePlace { motion: field(value, "way", source)?, ..place })
     }
 }
 

@@ -193,11 +193,11 @@ impl MediumSegment<'_> {
             return SegmentOutcome::Ended;
         }
         let point = self.ray.at(on.distance);
-        let aims = !self.medium.is_subsurface;
-        if aims {
+        let samples_lights = !self.medium.is_subsurface;
+        if samples_lights {
             self.add(radiance, self.sample_ld(&on, point, *throughput));
         }
-        let joint = (aims && self.medium.scatters_homogeneously()).then(|| {
+        let joint = (samples_lights && self.medium.scatters_homogeneously()).then(|| {
             let phase = |direction: Vec3| {
                 let p = phase(self.ray.direction.dot(direction), self.medium.asymmetry);
                 (SampledSpectrum::splat(p), p)
@@ -210,17 +210,17 @@ impl MediumSegment<'_> {
         let u = self.sampler.get(Dimensions::Scatter(self.vertex));
         let (direction, density) = scattered(self.ray.direction, self.medium.asymmetry, [u[0], u[1]]);
         // Walks within bodies end at the surface: no need to end those that bring as much as they began with.
-        let most = if aims { MOST_SURVIVAL } else { 1.0 };
+        let most = if samples_lights { MOST_SURVIVAL } else { 1.0 };
         if !russian_roulette::goes_on(throughput, eta_scale, self.vertex + 1, u[3], self.settings.roulette_depth, most) {
             return SegmentOutcome::Ended;
         }
-        let last = aims.then_some(PrevScatter { point, normal: Vec3::ZERO, density, traveled: 0.0, joint });
+        let last = samples_lights.then_some(PrevScatter { point, normal: Vec3::ZERO, density, traveled: 0.0, joint });
         SegmentOutcome::Scattered { ray: Ray { origin: point, direction, time_s: self.ray.time_s }, last, on }
     }
 
     /// Adds light of a lamp that is scattered on this segment.
-    fn add(&self, radiance: &mut impl Tally, arrives: Option<ShadowRay>) {
-        if let Some(ShadowRay { light, thin_dielectrics, .. }) = arrives {
+    fn add(&self, radiance: &mut impl Tally, shadow_ray: Option<ShadowRay>) {
+        if let Some(ShadowRay { light, thin_dielectrics, .. }) = shadow_ray {
             radiance.add(light, self.depth + 1 + thin_dielectrics);
         }
     }

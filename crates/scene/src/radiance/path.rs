@@ -170,7 +170,7 @@ impl<'a> Transport<'a> {
         self.follow_on(self.begin(camera, tally))
     }
 
-    /// The same of one that is on its way.
+    /// Follows a path that is on its way to its end.
     #[inline(always)]
     pub fn follow_on<T: Tally>(&self, mut path: Path<'a, T>) -> T {
         loop {
@@ -351,11 +351,11 @@ impl<'a> Transport<'a> {
         let counts = path.camera.emitter_mis.as_ref().filter(|_| path.is_straight).map_or(1.0, |s| s.counts(surface));
         let weight = match (path.last, light) {
             (Some(l), Some(light)) => {
-                let aimed = scene.pdf_li(light, l.point, ray.direction, l.traveled + surface.t, ray.time_s);
-                let by_light = scene.lights().area_probability(l.point, l.normal, light, path.flash) * aimed;
+                let sampled = scene.pdf_li(light, l.point, ray.direction, l.traveled + surface.t, ray.time_s);
+                let by_light = scene.lights().area_probability(l.point, l.normal, light, path.flash) * sampled;
                 let light = LightRef::Area(light);
                 match &path.medium_scatter {
-                    Some(on) if l.normal == Vec3::ZERO => mis(l.density, by_light.hypot(on.equiangular(scene, light) * aimed)),
+                    Some(on) if l.normal == Vec3::ZERO => mis(l.density, by_light.hypot(on.equiangular(scene, light) * sampled)),
                     _ => {
                         let cos = surface.ng.dot(ray.direction);
                         let connected = |pool| path.camera_subpath.connection_ratio_to_hit(pool, light, ray.direction, cos);

@@ -84,8 +84,8 @@ struct Donor<'a> {
     is_diffuse: bool,
 }
 
-/// What is laid aside of a path while it follows the light of its donor.
-struct Laid<T> {
+/// What is kept of a path while it follows the light of its donor.
+struct Suspended<T> {
     /// Of the path up to the donor.
     tally_before: T,
     depth: u32,
@@ -191,21 +191,21 @@ impl<'a> Transport<'a> {
             return self.follow_on(path);
         }
         let mut hit = self.find_hit(&path);
-        let (mut donor, mut aside) = (None, None);
+        let (mut donor, mut suspended) = (None, None);
         let next = self.arrive(&mut path, hit.as_mut(), |path, here| {
             let lends =
                 here.bsdf.only_reflects() && !here.bsdf.is_specular() && !here.surface.is_strand() && !here.material.is_mixed();
             match lends {
-                true => self.scatter_apart(path, &here, number, &mut donor, &mut aside),
+                true => self.scatter_apart(path, &here, number, &mut donor, &mut suspended),
                 false => self.scatter_light(path, &here.vertex()),
             }
         });
         self.connect_to_light(&mut path);
         let tally = if next == Next::Ended { path.tally } else { self.follow_on(path) };
         let Some(mut donor) = donor else { return tally };
-        let tally = match aside {
+        let tally = match suspended {
             None => tally,
-            Some(Laid { mut tally_before, depth, throughput, broad, narrow }) => {
+            Some(Suspended { mut tally_before, depth, throughput, broad, narrow }) => {
                 let light = tally.all();
                 donor.found[1].light = light;
                 donor.radiance += broad * light;
@@ -219,14 +219,14 @@ impl<'a> Transport<'a> {
         tally
     }
 
-    /// Light at a donor, and where the path goes on from there: what is found from now on is the donor's, and the path's own tally is laid `aside`, unless a mirror was drawn.
+    /// Light at a donor, and where the path goes on from there: what is found from now on is the donor's, and the path's own tally is laid `suspended`, unless a mirror was drawn.
     fn scatter_apart<T: Divisible>(
         &self,
         path: &mut Path<'a, T>,
         here: &Arrival<'_, 'a>,
         number: usize,
         donor: &mut Option<Donor<'a>>,
-        aside: &mut Option<Laid<T>>,
+        suspended: &mut Option<Suspended<T>>,
     ) -> Next {
         let (vertex, bsdf) = (here.vertex(), &here.bsdf);
         let [light_numbers, scatter_numbers] =
@@ -267,7 +267,7 @@ impl<'a> Transport<'a> {
         donor.found[1].wi = scatter.wi;
         let all = scatter.weight * scatter.pdf;
         let narrow = (all - broad).max(SampledSpectrum::ZERO);
-        *aside = Some(Laid { tally_before, depth, throughput, broad, narrow });
+        *suspended = Some(Suspended { tally_before, depth, throughput, broad, narrow });
         // Roulette goes by what the path itself would carry.
         path.eta_scale *= (throughput * scatter.weight).max_element() * scatter.pdf;
         let weight = SampledSpectrum::splat(1.0 / scatter.pdf);

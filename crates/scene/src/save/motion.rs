@@ -35,6 +35,7 @@ pub(super) struct WrittenDeformer {
 }
 
 impl<'a> MovingNodes<'a> {
+    /// Prepares the animations of a scene for writing.
     pub fn new(d: &'a Description, timeline: &'a Timeline<'a>) -> Self {
         MovingNodes { d, timeline, written: HashMap::new(), children: HashSet::new(), skins: Vec::new(), morphing: Vec::new() }
     }

@@ -1,6 +1,6 @@
 //! Building: what is the same at all moments of a scene.
 
-use super::check::{check, clean, settle};
+use super::check::{check, clean, freeze_unanimated};
 use super::description::{Description, Shape};
 use super::hits::Placement;
 use super::lights::{AreaLights, LightMotion, area_lights};
@@ -22,7 +22,7 @@ impl Scene {
     /// Builds a scene. Fails when numbers do not fit: a material or mesh that is not there, nothing to see, or more than 2³⁰ − 1 triangles.
     pub fn build(mut description: Description) -> Result<Scene, SceneError> {
         check(&description)?;
-        settle(&mut description);
+        freeze_unanimated(&mut description);
         let had_surface = description.has_surface();
         clean(&mut description)?;
         if had_surface && !description.has_surface() {
@@ -111,8 +111,8 @@ impl Scene {
             .collect();
         let top = Bvh::build(&TopPrimitives { description: d, flat: &flat, triangles: next as usize, others: &others });
 
-        let AreaLights { lights, ways, light_of, first } = area_lights(d, |e| e.is_light);
-        let light_motions = if ways.iter().all(|w| matches!(w, LightMotion::Still)) { Vec::new() } else { ways };
+        let AreaLights { lights, motions, light_of, first } = area_lights(d, |e| e.is_light);
+        let light_motions = if motions.iter().all(|w| matches!(w, LightMotion::Still)) { Vec::new() } else { motions };
         let placements = placements.into_iter().zip(first).map(|(p, first_light)| Placement { first_light, ..p }).collect();
         let mut all = Lights::default();
         (all.area, all.punctual, all.environment) = (lights, d.punctual.clone(), d.environment.clone());

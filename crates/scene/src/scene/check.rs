@@ -72,7 +72,7 @@ pub(super) fn check(d: &Description) -> Result<(), SceneError> {
 }
 
 /// Turns what could move, but does not as the animations are played, into what stands still.
-pub(super) fn settle(d: &mut Description) {
+pub(super) fn freeze_unanimated(d: &mut Description) {
     let Description { nodes, animations, playing, deformers, objects, meshes, punctual, .. } = d;
     let timeline = Timeline::new(nodes, animations, playing);
     for object in objects {

@@ -16,15 +16,15 @@ use std::borrow::Cow;
 
 impl Scene {
     /// What the choice among lights knows of one that moves.
-    pub(super) fn swept_light(&self, light: &AreaLight, way: LightMotion) -> Option<LightBounds> {
-        let (LightMotion::Carried { object } | LightMotion::Bending { object, .. }) = way else { return None };
+    pub(super) fn swept_light(&self, light: &AreaLight, motion: LightMotion) -> Option<LightBounds> {
+        let (LightMotion::Carried { object } | LightMotion::Bending { object, .. }) = motion else { return None };
         let instance = self.posed.animated.instance(object)?;
-        Some(self.moved_light(light, way, 0.0).bounds().anywhere_in(self.posed.animated.swept(instance)))
+        Some(self.moved_light(light, motion, 0.0).bounds().anywhere_in(self.posed.animated.swept(instance)))
     }
 
     /// An area light where it is at a fraction of the exposure.
-    pub(super) fn moved_light(&self, light: &AreaLight, way: LightMotion, fraction: f32) -> AreaLight {
-        match way {
+    pub(super) fn moved_light(&self, light: &AreaLight, motion: LightMotion, fraction: f32) -> AreaLight {
+        match motion {
             LightMotion::Still => light.clone(),
             LightMotion::Carried { object } => match self.posed.animated.instance(object) {
                 Some(instance) => light.placed(&self.posed.animated.place(instance, fraction)),
@@ -53,8 +53,8 @@ impl Scene {
         match light {
             LightRef::Area(i) => match self.built.light_motions.get(i as usize) {
                 None | Some(LightMotion::Still) => self.posed.lights.sample_li(light, p, u),
-                Some(way) => self
-                    .moved_light(&self.posed.lights.area[i as usize], *way, self.posed.animated.fraction(time_s))
+                Some(motion) => self
+                    .moved_light(&self.posed.lights.area[i as usize], *motion, self.posed.animated.fraction(time_s))
                     .sample_li(p, u, i),
             },
             LightRef::Punctual(i) => match self.posed.animated.lights.get(i as usize) {
@@ -76,8 +76,8 @@ impl Scene {
         match light {
             LightRef::Area(i) => match self.built.light_motions.get(i as usize) {
                 None | Some(LightMotion::Still) => self.posed.lights.pivot(light),
-                Some(way) => Some(
-                    self.moved_light(&self.posed.lights.area[i as usize], *way, self.posed.animated.fraction(time_s)).pivot(),
+                Some(motion) => Some(
+                    self.moved_light(&self.posed.lights.area[i as usize], *motion, self.posed.animated.fraction(time_s)).pivot(),
                 ),
             },
             LightRef::Punctual(i) => match self.posed.animated.lights.get(i as usize) {
@@ -142,16 +142,16 @@ impl Scene {
 
     /// An area light where it is at a time of the exposure.
     pub(crate) fn area_light_at(&self, light: u32, time_s: f32) -> Cow<'_, AreaLight> {
-        let way = self.built.light_motions.get(light as usize).copied().unwrap_or(LightMotion::Still);
-        self.placed_light(&self.posed.lights.area[light as usize], way, time_s)
+        let motion = self.built.light_motions.get(light as usize).copied().unwrap_or(LightMotion::Still);
+        self.placed_light(&self.posed.lights.area[light as usize], motion, time_s)
     }
 
     /// The same of any emissive surface of the scene.
     #[inline]
-    pub(crate) fn placed_light<'a>(&'a self, light: &'a AreaLight, way: LightMotion, time_s: f32) -> Cow<'a, AreaLight> {
-        match way {
+    pub(crate) fn placed_light<'a>(&'a self, light: &'a AreaLight, motion: LightMotion, time_s: f32) -> Cow<'a, AreaLight> {
+        match motion {
             LightMotion::Still => Cow::Borrowed(light),
-            way => Cow::Owned(self.moved_light(light, way, self.posed.animated.fraction(time_s))),
+            motion => Cow::Owned(self.moved_light(light, motion, self.posed.animated.fraction(time_s))),
         }
     }
 
@@ -201,7 +201,7 @@ impl Scene {
         let still = &self.posed.lights.area[light as usize];
         match self.built.light_motions.get(light as usize) {
             None | Some(LightMotion::Still) => still.pdf(p, direction, distance),
-            Some(way) => self.moved_light(still, *way, self.posed.animated.fraction(time_s)).pdf(p, direction, distance),
+            Some(motion) => self.moved_light(still, *motion, self.posed.animated.fraction(time_s)).pdf(p, direction, distance),
         }
     }
 
@@ -236,7 +236,7 @@ const NO_LIGHT: u32 = u32::MAX;
 #[derive(Debug)]
 pub(crate) struct AreaLights {
     pub lights: Vec<AreaLight>,
-    pub ways: Vec<LightMotion>,
+    pub motions: Vec<LightMotion>,
     /// Light of each triangle.
     pub light_of: Vec<u32>,
     /// Where each object's triangles begin in `light_of`.
@@ -255,7 +255,7 @@ impl AreaLights {
 
 /// The emissive surfaces whose emission is counted.
 pub(crate) fn area_lights(d: &Description, counted: impl Fn(&Emission) -> bool) -> AreaLights {
-    let (mut lights, mut light_of, mut ways) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut lights, mut light_of, mut motions) = (Vec::new(), Vec::new(), Vec::new());
     // Constant emissions are integrated once a material.
     let constant: Vec<Option<f32>> = d
         .materials
@@ -272,8 +272,8 @@ pub(crate) fn area_lights(d: &Description, counted: impl Fn(&Emission) -> bool) 
         .map(|(number, object)| {
             let object_number = number as u32;
             let material = &d.materials[object.material as usize];
-            let aimed = |e: &&Emission| counted(e) && !matches!(e.radiance, EmissionColor::Captured { .. });
-            let emission = material.emission.as_ref().filter(aimed)?;
+            let is_sampled = |e: &&Emission| counted(e) && !matches!(e.radiance, EmissionColor::Captured { .. });
+            let emission = material.emission.as_ref().filter(is_sampled)?;
             let luminance = |uv: &[[Vec2; 3]; 2]| {
                 constant[object.material as usize].unwrap_or_else(|| {
                     // Corners, edge middles and centre of the triangle.
@@ -291,7 +291,7 @@ pub(crate) fn area_lights(d: &Description, counted: impl Fn(&Emission) -> bool) 
                 })
             };
             let start = light_of.len() as u32;
-            let mut push = |shape, uv: [[Vec2; 3]; 2], alpha: [f32; 3], way: LightMotion| {
+            let mut push = |shape, uv: [[Vec2; 3]; 2], alpha: [f32; 3], motion: LightMotion| {
                 let luminance = luminance(&uv);
                 // A textured lamp may be dark at the seven places looked at: keep it, with little weight.
                 if luminance == 0.0 && constant[object.material as usize].is_some() {
@@ -299,7 +299,7 @@ pub(crate) fn area_lights(d: &Description, counted: impl Fn(&Emission) -> bool) 
                 }
                 let light = AreaLight::new(shape, object.material, uv, emission.two_sided, luminance.max(1e-6));
                 lights.push(light.with_alpha(alpha));
-                ways.push(way);
+                motions.push(motion);
                 lights.len() as u32 - 1
             };
             match object.shape {
@@ -312,14 +312,14 @@ pub(crate) fn area_lights(d: &Description, counted: impl Fn(&Emission) -> bool) 
                 }
                 Shape::Mesh { mesh, world_from_mesh } => {
                     let mesh = &d.meshes[mesh as usize];
-                    let (world_from_mesh, way) = match object.motion {
+                    let (world_from_mesh, motion) = match object.motion {
                         Motion::Still => (world_from_mesh, LightMotion::Still),
                         Motion::Carried { .. } => (Affine3A::IDENTITY, LightMotion::Carried { object: object_number }),
                         Motion::Deformed { .. } => {
                             (Affine3A::IDENTITY, LightMotion::Bending { object: object_number, triangle: 0, flipped: false })
                         }
                     };
-                    let bends = matches!(way, LightMotion::Bending { .. });
+                    let bends = matches!(motion, LightMotion::Bending { .. });
                     let mirrored = world_from_mesh.matrix3.determinant() < 0.0;
                     let world = |t: usize| mesh.corners(t).map(|c| world_from_mesh.transform_point3(c));
                     let mut t = 0;
@@ -328,7 +328,7 @@ pub(crate) fn area_lights(d: &Description, counted: impl Fn(&Emission) -> bool) 
                         let merged = whole && !bends && t + 1 < mesh.triangles.len();
                         if let Some(quad) = merged.then(|| parallelogram(world(t), world(t + 1))).flatten() {
                             let quad = if outside_differs(mesh, t, mirrored) { flipped(quad) } else { quad };
-                            let light = push(AreaShape::Parallelogram(quad), Default::default(), [1.0; 3], way);
+                            let light = push(AreaShape::Parallelogram(quad), Default::default(), [1.0; 3], motion);
                             light_of.extend([light, light]);
                             t += 2;
                             continue;
@@ -347,11 +347,11 @@ pub(crate) fn area_lights(d: &Description, counted: impl Fn(&Emission) -> bool) 
                             true => (c, b, uv.map(|[x, y, z]| [x, z, y]), [alpha[0], alpha[2], alpha[1]]),
                             false => (b, c, uv, alpha),
                         };
-                        let way = match way {
+                        let motion = match motion {
                             LightMotion::Bending { object, .. } => LightMotion::Bending { object, triangle: t as u32, flipped },
-                            way => way,
+                            motion => motion,
                         };
-                        light_of.push(push(AreaShape::Triangle(Quad { corner: a, edges: [b - a, c - a] }), uv, alpha, way));
+                        light_of.push(push(AreaShape::Triangle(Quad { corner: a, edges: [b - a, c - a] }), uv, alpha, motion));
                         t += 1;
                     }
                 }
@@ -359,7 +359,7 @@ pub(crate) fn area_lights(d: &Description, counted: impl Fn(&Emission) -> bool) 
             Some(start)
         })
         .collect();
-    AreaLights { lights, ways, light_of, first }
+    AreaLights { lights, motions, light_of, first }
 }
 
 /// Whether the side of a mesh triangle that counts as outside is not the one its corners, placed, run counter-clockwise on.
@@ -388,7 +388,7 @@ fn parallelogram(t0: [Vec3; 3], t1: [Vec3; 3]) -> Option<Quad> {
         if (*opposite - expected).length() > 1e-5 * size {
             continue;
         }
-        // Both must wind the same way.
+        // Both must wind the same motion.
         let n1 = (t1[1] - t1[0]).cross(t1[2] - t1[0]);
         if (p - corner).cross(q - corner).dot(n1) > 0.0 {
             return Some(Quad { corner, edges: [p - corner, q - corner] });

@@ -15,7 +15,7 @@ pub fn displace(mesh: &mut Mesh, height: impl Fn(&[Vec2; 2], Vec3, Vec3) -> f32 
     displace_vertices(mesh, |_, uv, position, normal| height(uv, position, normal))
 }
 
-/// The same with heights that also depend on which vertex it is.
+/// Displaces vertices by heights that also depend on which vertex it is.
 pub fn displace_vertices(mesh: &mut Mesh, height: impl Fn(usize, &[Vec2; 2], Vec3, Vec3) -> f32 + Sync) -> usize {
     if mesh.normals.is_empty() {
         mesh.normals = smooth_normals(mesh);

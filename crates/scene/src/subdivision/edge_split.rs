@@ -30,7 +30,7 @@ pub fn split_long_edges(mesh: &mut Mesh, world_from_mesh: &Affine3A, longest: f3
     split_long_edges_up_to(mesh, world_from_mesh, longest, MOST_TRIANGLES)
 }
 
-/// The same with at most so many triangles.
+/// Splits long edges until there are at most `most` triangles.
 pub fn split_long_edges_up_to(mesh: &mut Mesh, world_from_mesh: &Affine3A, longest: f32, most: usize) -> Splitting {
     let place = |p: Vec3| world_from_mesh.transform_point3(p);
     split_edges_by(mesh, |a, b| place(a).distance(place(b)), longest, most)

@@ -49,6 +49,7 @@ pub(super) struct Sharpness {
 }
 
 impl Sharpness {
+    /// Sharpness of all edges and vertices of a mesh.
     pub fn new(topology: &Topology, sharp: &Sharp) -> Self {
         let infinite = |e: usize| if topology.is_manifold(e) { 0.0 } else { f32::INFINITY };
         let mut edges: Vec<f32> = (0..topology.edges.len()).map(infinite).collect();

@@ -16,10 +16,12 @@ impl Faces {
         Faces { starts: (0..=corners.len() / size).map(|f| (f * size) as u32).collect(), corners }
     }
 
+    /// Number of faces.
     pub fn len(&self) -> usize {
         self.starts.len().saturating_sub(1)
     }
 
+    /// Vertices of a face, in order.
     pub fn of(&self, face: usize) -> &[u32] {
         &self.corners[self.starts[face] as usize..self.starts[face + 1] as usize]
     }
@@ -49,6 +51,7 @@ impl Buckets {
         Buckets { starts, items }
     }
 
+    /// Items of a key, in their order.
     pub fn of(&self, key: usize) -> &[u32] {
         &self.items[self.starts[key] as usize..self.starts[key + 1] as usize]
     }
@@ -107,6 +110,7 @@ impl Topology {
         Topology { faces, face_of, edge_of, edges, edge_corners, vertex_edges, vertex_corners }
     }
 
+    /// Number of vertices.
     pub fn vertex_count(&self) -> usize {
         self.vertex_corners.starts.len() - 1
     }
@@ -131,6 +135,7 @@ impl Topology {
         self.next(self.next(corner))
     }
 
+    /// Vertex of a corner.
     #[inline]
     pub fn vertex(&self, corner: u32) -> u32 {
         self.faces.corners[corner as usize]

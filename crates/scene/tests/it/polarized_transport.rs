@@ -120,7 +120,7 @@ fn lamps_seen_over_facets_and_through_panes_keep_their_order() {
     let glass = |pane: bool| {
         let mut principled = Principled::new(Color::rgb(1.0, 1.0, 1.0), n);
         (principled.roughness, principled.transmission) = (Scalar::Constant(0.0), Scalar::Constant(1.0));
-        (principled.kind, principled.pane) = (Transmission::Thin, pane);
+        (principled.kind, principled.thin_dielectric) = (Transmission::Thin, pane);
         Material::new("pane", Scattering::Principled(Box::new(principled)))
     };
     let lit = |pane: Option<(bool, Vec3)>| {

@@ -173,7 +173,7 @@ fn white_materials() -> Vec<(String, Material)> {
         principled(|p| {
             p.transmission = Scalar::Constant(1.0);
             p.roughness = Scalar::Constant(0.0);
-            p.pane = true;
+            p.thin_dielectric = true;
         }),
     ));
     let paper = Box::new([Color::rgb(0.4, 0.4, 0.4), Color::rgb(0.6, 0.6, 0.6)]);
@@ -435,7 +435,7 @@ fn layers_panes_and_mixtures_have_their_albedo() {
     }
     // A pane of n = 1.5 reflects 2 R / (1 + R) = 7.7 %.
     let mut pane = Principled::new(grey(1.0), 1.5);
-    (pane.transmission, pane.roughness, pane.pane) = (Scalar::Constant(1.0), Scalar::Constant(0.0), true);
+    (pane.transmission, pane.roughness, pane.thin_dielectric) = (Scalar::Constant(1.0), Scalar::Constant(0.0), true);
     let quad = |z: f32| Shape::Quad(Quad { corner: Vec3::new(-9.0, -9.0, z), edges: [Vec3::X * 18.0, Vec3::Y * 18.0] });
     let d = Description {
         materials: vec![
@@ -653,7 +653,7 @@ fn lamps_light_through_panes() {
     let white = || Spectrum::light_from_rgb(Vec3::ONE);
     let pane = |d: &mut Description, y: f32| {
         let mut glass = Principled::new(Color::rgb(0.8, 0.8, 0.8), 1.5);
-        (glass.transmission, glass.roughness, glass.pane) = (Scalar::Constant(1.0), Scalar::Constant(0.0), true);
+        (glass.transmission, glass.roughness, glass.thin_dielectric) = (Scalar::Constant(1.0), Scalar::Constant(0.0), true);
         d.materials.push(Material::new("pane", Scattering::Principled(Box::new(glass))));
         let quad = Quad { corner: Vec3::new(-50.0, y, 50.0), edges: [Vec3::X * 100.0, Vec3::NEG_Z * 100.0] };
         d.objects.push(Object::new("pane", Shape::Quad(quad), d.materials.len() as u32 - 1));

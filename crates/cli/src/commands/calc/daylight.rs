@@ -11,6 +11,7 @@ use std::io::Write;
 /// Reflectance of a grey card.
 const GREY: f64 = 0.18;
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &DaylightArgs, json: bool) -> anyhow::Result<()> {
     let section = |time: Option<Moment>| DaylightSection {
         sun: args.sun,

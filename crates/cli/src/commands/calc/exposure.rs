@@ -77,6 +77,7 @@ struct Row {
     snr_db: f64,
 }
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn equivalent(args: &Equivalent, json: bool) -> anyhow::Result<()> {
     let n0 = stops::true_aperture(f_number(args.aperture)?, None);
     let t0 = stops::true_time(positive("time", args.time.0)?, None);

@@ -6,6 +6,7 @@ use diopter::sensor::format::{self, FORMATS, Format};
 use std::fmt::Write as _;
 use std::io::Write as _;
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(names: &[String], json: bool) -> anyhow::Result<()> {
     let mut rows: Vec<(String, Format)> = Vec::new();
     for name in names {

@@ -12,6 +12,7 @@ mod tone;
 
 use crate::args::CalcVerb;
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(verb: &CalcVerb, json: bool) -> anyhow::Result<()> {
     match verb {
         CalcVerb::Tone { curve, colours, keep_grey } => tone::run(curve, colours, *keep_grey, json),

@@ -171,6 +171,7 @@ fn figure(hole: Hole, best: (f64, f64)) -> Figure {
     figure
 }
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &PinholeArgs, json: bool) -> anyhow::Result<()> {
     let distance = positive("distance", args.distance.0)?;
     let object = match args.object.0 {

@@ -27,6 +27,7 @@ const BESIDE: usize = 6;
 /// Not yet open, open, closed again.
 const COLORS: [Color; 3] = [[70, 74, 82], [255, 226, 150], [120, 80, 70]];
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &ShutterArgs, json: bool) -> anyhow::Result<()> {
     let exposure_s = positive("time", args.time.0)?;
     let outputs = paint::prepare(&args.output)?;

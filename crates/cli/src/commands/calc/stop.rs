@@ -43,6 +43,7 @@ impl Stop {
     }
 }
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &StopArgs, json: bool) -> anyhow::Result<()> {
     let n = args.aperture.map(f_number).transpose()?;
     let f = args.focal_length.map(|v| positive("focal-length", v.0)).transpose()?;

@@ -23,6 +23,7 @@ fn mm(v: f64) -> String {
     if v.is_infinite() { "inf".into() } else { format!("{} mm", shown(v)) }
 }
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &ThinLensArgs, json: bool) -> anyhow::Result<()> {
     let wrong = |text: String| anyhow::Error::from(UsageError(anyhow!(text)));
     let f = args.focal_length.map(|v| v.0);

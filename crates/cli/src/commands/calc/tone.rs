@@ -10,6 +10,7 @@ use diopter::shot::ShotError;
 use glam::Vec3;
 use std::io::Write;
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(curve: &str, colours: &[String], keep_grey: bool, json: bool) -> anyhow::Result<()> {
     let mut recipe = Recipe::default().with("tone.curve", curve).map_err(ShotError::from)?;
     recipe.tone.keep_grey = keep_grey;

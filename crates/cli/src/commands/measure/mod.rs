@@ -36,6 +36,7 @@ use std::sync::Arc;
 
 const COLORS: [Color; 6] = [[204, 51, 51], [34, 85, 170], [40, 140, 70], [150, 90, 160], [200, 130, 30], [90, 90, 90]];
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(verb: &MeasureVerb, json: bool) -> anyhow::Result<()> {
     match verb {
         MeasureVerb::Mtf(asked) => resolution::run(asked, json),

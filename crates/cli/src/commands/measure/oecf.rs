@@ -9,6 +9,7 @@ use diopter::measure::{Channel, MeasureError, Measured};
 use serde_json::json;
 use std::fmt::Write as _;
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(asked: &MeasureOecf, json: bool) -> anyhow::Result<()> {
     let outputs = paint::prepare(&asked.output)?;
     let encoding = asked.encoding.decoded();

@@ -60,6 +60,7 @@ const FILLED: f64 = 0.95;
 /// Pixels of the picture that shows veiling glare.
 const GLARE_SIZE: Size = Size { width: 240, height: 160 };
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
     let output = document::prepare(&asked.output)?;
     if let Some(Seconds(time)) = asked.readout.filter(|t| !(t.0 > 0.0 && t.0 <= 1000.0)) {

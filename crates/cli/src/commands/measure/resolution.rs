@@ -39,6 +39,7 @@ struct Source {
     shot: Option<Box<Shot>>,
 }
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
     if let Some(pitch) = asked.pitch.filter(|p| !(*p > 0.0 && *p < 1e4)) {
         return Err(UsageError(anyhow!("--pitch {pitch}: expected the distance of pixels in µm, such as 5.36")).into());

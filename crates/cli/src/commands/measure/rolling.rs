@@ -12,6 +12,7 @@ use diopter::measure::{Channel, Measured};
 use serde_json::json;
 use std::fmt::Write as _;
 
+/// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(asked: &MeasureRolling, json: bool) -> anyhow::Result<()> {
     let sign = match (asked.flicker, asked.speed) {
         (Some(hz), _) if hz > 0.0 && hz < 1e9 => Sign::Flicker(hz),

@@ -71,7 +71,7 @@ impl Entrance {
         Some(Entrance { cells, ..table })
     }
 
-    /// Of a camera, whose lens is thin or real.
+    /// The entrance of a camera, whose lens is thin or real.
     pub fn of(camera: &Camera) -> Option<Entrance> {
         let [across, down] = FILM_POINTS;
         let film = |k: usize| {

@@ -192,21 +192,21 @@ fn the_next_frame_shows_the_same_place_of_the_texture_where_flow_says() {
     let lens = Lens::Compound(Box::new(CompoundLens::new(prescription, &setting).unwrap()));
     let shutter = rolling(0.03);
     let step_s = 1.0 / 24.0;
-    let way = |at_s: f64| {
+    let motion = |at_s: f64| {
         CameraMotion::sampled(shutter.total_s(), |t| {
             let turn = 0.6 * (at_s + t) as f32;
             look_at(Vec3::new(0.3 * turn, 0.0, 0.0), Vec3::new(turn, 0.1 * turn, -DEPTH as f32), Vec3::Y).unwrap()
         })
     };
     let film = Film::new(film_mm[0], film_mm[1], COLUMNS, ROWS);
-    let camera = Camera { lens, film, motion: way(0.1) };
+    let camera = Camera { lens, film, motion: motion(0.1) };
     let mut settings = asking("uv,flow");
-    settings.frames = Some(Arc::new(Frames { at_s: 0.1, step_s, next: way(0.1 + step_s), previous: way(0.1 - step_s) }));
+    settings.frames = Some(Arc::new(Frames { at_s: 0.1, step_s, next: motion(0.1 + step_s), previous: motion(0.1 - step_s) }));
     let mut scene = carried(Vec3::new(-1.0, 0.7, 0.5));
     scene.pose(0.1, shutter.total_s());
     let truth = recorded_by(&scene, &camera, &shutter, &settings);
     scene.pose(0.1 + step_s, shutter.total_s());
-    let next = Camera { motion: way(0.1 + step_s), ..camera.clone() };
+    let next = Camera { motion: motion(0.1 + step_s), ..camera.clone() };
     let looking = Recorder::new(&scene, &next, &shutter, &settings);
     let (mut compared, mut worst) = (0, 0.0f64);
     for at in (0..COLUMNS * ROWS).step_by(37).map(|i| [i % COLUMNS, i / COLUMNS]) {

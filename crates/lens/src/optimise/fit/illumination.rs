@@ -36,7 +36,7 @@ pub(super) struct Light<'a> {
 type Ends = Option<[f64; 2]>;
 
 impl<'a> Light<'a> {
-    /// Of a system at a wavelength, nm.
+    /// The illumination of a system at a wavelength, nm.
     pub fn new(system: &'a System, nm: f64) -> Light<'a> {
         let n = system.indices(nm);
         let first = crate::paraxial::FirstOrder::of(system, &n);

@@ -36,6 +36,7 @@ fn gather(node: &Arc<Node>, ids: &mut HashMap<String, Arc<Node>>) {
 }
 
 impl<'a> Context<'a> {
+    /// For the file `name`, nothing read yet.
     pub fn new(name: &str, fetch: Fetch<'a>, root: &Node) -> Self {
         let mut ids = HashMap::new();
         root.children.iter().for_each(|c| gather(c, &mut ids));

@@ -134,8 +134,11 @@ impl Context<'_> {
             }
             "thindielectric" => {
                 self.say_scales(node);
-                let sheet =
-                    Principled { kind: Transmission::Thin, pane: true, ..Principled::glass(relative_index(node, 1.5046)?) };
+                let sheet = Principled {
+                    kind: Transmission::Thin,
+                    thin_dielectric: true,
+                    ..Principled::glass(relative_index(node, 1.5046)?)
+                };
                 Surface::of(Scattering::Principled(Box::new(sheet)))
             }
             "conductor" | "roughconductor" => {

@@ -37,6 +37,7 @@ pub(super) struct World<'a> {
 type Read<T> = Result<T, SceneError>;
 
 impl<'a> World<'a> {
+    /// Begins with an empty scene for the file `name`.
     pub fn new(name: &str, fetch: Fetch<'a>, root: &Node) -> Self {
         World {
             context: Context::new(name, fetch, root),
@@ -50,6 +51,7 @@ impl<'a> World<'a> {
         }
     }
 
+    /// Reads all of the file. Fails at the first entry that cannot be read.
     pub fn run(mut self, root: &Node) -> Read<Description> {
         for child in &root.children {
             match child.tag.as_str() {

@@ -30,6 +30,7 @@ pub(super) struct Context<'a> {
 }
 
 impl<'a> Context<'a> {
+    /// For the file `name`, nothing read yet.
     pub fn new(name: &str, fetch: Fetch<'a>) -> Self {
         Context {
             name: name.to_owned(),

@@ -40,7 +40,7 @@ pub struct Lexer<'a> {
 }
 
 impl<'a> Lexer<'a> {
-    /// Of a file's bytes; `file`: its number in messages.
+    /// Reads a file's bytes; `file`: its number in messages.
     pub fn new(text: &'a [u8], file: u32) -> Self {
         Lexer { text, at: 0, line: 1, file, ahead: None }
     }

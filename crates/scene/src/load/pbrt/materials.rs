@@ -46,11 +46,13 @@ const MOST_PARTS: usize = 64;
 const SMOOTH: f32 = 1e-3;
 
 impl Materials {
+    /// The materials that pbrt begins with.
     pub fn new() -> Self {
         let grey = Material::new("default", Scattering::Diffuse(Color::rgb(0.5, 0.5, 0.5)));
         Materials { all: vec![Made { material: Some(grey) }], names: HashMap::new() }
     }
 
+    /// Adds a material; gives its number.
     pub fn add(&mut self, made: Made) -> usize {
         self.all.push(made);
         self.all.len() - 1
@@ -69,14 +71,17 @@ impl Materials {
         Ok(())
     }
 
+    /// Number of a named material.
     pub fn number(&self, name: &str) -> Option<usize> {
         self.names.get(name).copied()
     }
 
+    /// The known name nearest to one that is not known.
     pub fn nearest(&self, name: &str) -> Option<String> {
         diopter_light::names::nearest(name, self.names.keys().map(String::as_str)).map(str::to_owned)
     }
 
+    /// A material by its number.
     pub fn made(&self, number: usize) -> &Made {
         &self.all[number]
     }
@@ -117,7 +122,7 @@ impl Materials {
                 let eta = index(context, p, "eta", 1.5, BODY)?;
                 let glass = Principled::glass(eta.at(550.0));
                 let own = match kind {
-                    "thindielectric" => Principled { kind: Transmission::Thin, pane: true, ..glass },
+                    "thindielectric" => Principled { kind: Transmission::Thin, thin_dielectric: true, ..glass },
                     _ => {
                         let disperses = !matches!(eta, Spectrum::Constant(_));
                         let (roughness, across) = root_of_alpha(context, textures, p, "")?;

@@ -144,6 +144,7 @@ pub(super) struct World<'a> {
 }
 
 impl<'a> World<'a> {
+    /// Begins with an empty scene for the file `name`.
     pub fn new(name: &str, fetch: Fetch<'a>) -> Self {
         let state = State {
             active: [true; 2],

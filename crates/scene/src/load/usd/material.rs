@@ -1,7 +1,7 @@
 //! Materials: networks of shaders that end in a UsdPreviewSurface, MaterialX's standard surface or Omniverse's OmniPBR.
 //!
 //! Sources: OpenUSD, "UsdPreviewSurface Specification" 2.6, `UsdShade`; MaterialX 1.38 specification (standard_surface, image); NVIDIA,
-//! OmniPBR.mdl. A transparent surface (`opacityMode` "transparent" and one `opacity` for all of it) is a thin sheet: it keeps its reflections, and
+//! OmniPBR.mdl. A transparent surface (`opacityMode` "transparent" and one `opacity` for all of it) is a thin dielectric: it keeps its reflections, and
 //! what it lets through is not bent.
 
 mod pictures;
@@ -55,6 +55,7 @@ impl World<'_> {
         Bound { number, uvs: vec![], colors: has_colors, displacement: None }
     }
 
+    /// Adds a material; gives its number.
     pub fn push_material(&mut self, material: Material) -> u32 {
         self.description.materials.push(material);
         self.description.materials.len() as u32 - 1
@@ -377,7 +378,7 @@ fn glowing(color: Color, strength: f32) -> Option<Emission> {
     Some(Emission { radiance, two_sided: true, is_light: true, modulation: Modulation::Steady })
 }
 
-/// What opacity makes of a surface: holes, or a thin sheet that keeps its reflections.
+/// What opacity makes of a surface: holes, or a thin dielectric that keeps its reflections.
 fn covered(p: Principled, opacity: Scalar, threshold: f32, presence: bool) -> (Scattering, Coverage) {
     let ior = p.ior;
     let coverage = match opacity {

@@ -23,6 +23,7 @@ pub struct Part {
 }
 
 impl Part {
+    /// A part of a mesh: all of it, or a subset of its faces.
     pub fn new(subset: Option<Arc<Prim>>, bound: &Bound) -> Self {
         let Bound { number, uvs, colors, displacement } = bound.clone();
         Part { subset, material: number, uvs, colors, displacement }
@@ -69,6 +70,7 @@ pub struct Primvar {
 }
 
 impl Primvar {
+    /// Values at a corner of a face, by how the primvar is interpolated.
     pub fn at(&self, face: usize, point: usize, corner: usize) -> &[f32] {
         let i = match self.per {
             Per::Mesh => 0,

@@ -31,6 +31,7 @@ enum Other {
 }
 
 impl World<'_> {
+    /// Reads the whole stage. Fails at the first prim that cannot be read.
     pub fn run(mut self) -> Read<Description> {
         let place = Place {
             node: None,

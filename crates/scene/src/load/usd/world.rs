@@ -75,7 +75,7 @@ pub(super) enum Form {
         mesh: Mesh,
         material: u32,
     },
-    /// Smooth where it stands still and is not squeezed.
+    /// Smooth where it stands still and is not scaled non-uniformly.
     Ball {
         radius: f64,
         material: u32,
@@ -115,6 +115,7 @@ pub(super) struct World<'a> {
 pub(super) type Read<T> = Result<T, SceneError>;
 
 impl<'a> World<'a> {
+    /// Opens a stage by the bytes of its root layer. Fails where layers cannot be read.
     pub fn new(bytes: Vec<u8>, name: &str, fetch: Fetch<'a>) -> Read<Self> {
         let stage = Stage::new(bytes, name, fetch)?;
         let number =
@@ -168,6 +169,7 @@ impl<'a> World<'a> {
         self.description.nodes.len() as u32 - 1
     }
 
+    /// The number of a shape that is shared by its key, made where it is met first.
     pub fn form(&mut self, key: FormKey, make: impl FnOnce() -> Form) -> usize {
         let next = self.forms.len();
         let number = *self.known.entry(key).or_insert(next);
@@ -177,6 +179,7 @@ impl<'a> World<'a> {
         number
     }
 
+    /// Adds an object of a shape at a place.
     pub fn draw(&mut self, name: &str, form: usize, place: &Place) -> Read<()> {
         if self.drawn.len() >= MOST_OBJECTS {
             return Err(error(&self.name, format!("more than {MOST_OBJECTS} things"), "fewer"));
@@ -192,6 +195,7 @@ impl<'a> World<'a> {
         self.draw(name, self.forms.len() - 1, place)
     }
 
+    /// Adds a ball of a radius, in units of the stage, at a place.
     pub fn draw_ball(&mut self, name: &str, radius: f64, material: u32, place: &Place) -> Read<()> {
         self.forms.push(Form::Ball { radius, material });
         self.draw(name, self.forms.len() - 1, place)

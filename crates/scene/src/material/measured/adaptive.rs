@@ -136,6 +136,7 @@ impl Adaptive {
             && self.samples.iter().all(|v| v.is_finite())
     }
 
+    /// Prepares the fields of a measured material for evaluation and sampling.
     pub fn new(fields: Fields) -> Self {
         let Fields { phi_i, theta_i, symmetry, ndf, sigma, vndf, luminance, bands, samples, is_divided } = fields;
         let size = luminance.size;

@@ -89,7 +89,7 @@ impl Grid {
         width >= 2 && height >= 2 && count == Some(self.values.len()) && self.values.iter().all(|v| v.is_finite())
     }
 
-    /// Value at a point.
+    /// Density at a point of the unit square, at parameters that are fixed.
     pub fn at(&self, point: Vec2, blend: &Blend) -> f32 {
         let ([column, row], p) = cell(self.size, point);
         let [c0, c1] = self.columns(column, row, p.y, blend);

@@ -15,7 +15,7 @@ pub(in crate::material) struct PrincipledLobes<'a> {
     pub(super) base: SampledSpectrum,
     /// The diffuse base as it counts below the interface.
     pub(super) under: SampledSpectrum,
-    pub(super) pane: bool,
+    pub(super) thin_dielectric: bool,
     pub(super) metallic: f32,
     pub(super) roughness: f32,
     pub(super) facets: Ggx,
@@ -51,6 +51,7 @@ pub(super) struct Tint {
 }
 
 impl Tint {
+    /// What is reflected where the interface alone would reflect a fraction.
     pub fn of(&self, reflected: f32) -> SampledSpectrum {
         // Below 0 where rough facets lose light: a weight alone then stays a factor.
         let rise = (reflected - self.f0) / (1.0 - self.f0);
@@ -93,15 +94,15 @@ pub(super) struct View {
 }
 
 impl PrincipledLobes<'_> {
-    /// Fraction of light that the dielectric reflects at a cosine, with its tint and film: by one face, or by both of a pane. Source: pbrt, §9.5.1:
+    /// Fraction of light that the dielectric reflects at a cosine, with its tint and film: by one face, or by both of a thin_dielectric. Source: pbrt, §9.5.1:
     /// R + T² R / (1 − R²).
     pub(super) fn dielectric(&self, cos: f32) -> SampledSpectrum {
         let r = fresnel_dielectric(cos, self.eta);
-        let bare = if self.pane { 2.0 * r / (1.0 + r) } else { r };
+        let bare = if self.thin_dielectric { 2.0 * r / (1.0 + r) } else { r };
         let bare = self.tint.as_ref().map_or(SampledSpectrum::splat(bare), |t| t.of(bare));
         let Some(film) = &self.film else { return bare };
         let r = film.reflectance(cos, film.below);
-        let covered = if self.pane { r * 2.0 / (SampledSpectrum::ONE + r) } else { r };
+        let covered = if self.thin_dielectric { r * 2.0 / (SampledSpectrum::ONE + r) } else { r };
         bare.lerp(covered, film.layer.fraction)
     }
 
@@ -160,8 +161,8 @@ impl PrincipledLobes<'_> {
 
     fn view(&self, wo: Vec3) -> View {
         let mirror = self.mirror_albedo_at(wo);
-        // A pane keeps what both of its faces reflect.
-        let reflected = if self.pane { self.dielectric(wo.z) } else { self.directional_albedo(wo) };
+        // A thin dielectric keeps what both of its faces reflect.
+        let reflected = if self.thin_dielectric { self.dielectric(wo.z) } else { self.directional_albedo(wo) };
         let glass = if self.smooth() || self.transmission == 0.0 || !self.solid {
             1.0
         } else {
@@ -191,7 +192,7 @@ impl PrincipledLobes<'_> {
             coat_reflected,
             below_coat * directional_albedo,
         ];
-        // Beside a diffuse base, whose direct light is aimed at anyway, reflections are looked at more often than by their fraction: they show lamps.
+        // Beside a diffuse base, whose direct light is sampled anyway, reflections are looked at more often than by their fraction: they show lamps.
         for reflection in [0, 3] {
             weights[reflection] = (weights[reflection] * (weights[reflection] + weights[1])).sqrt();
         }
@@ -233,7 +234,7 @@ impl PrincipledLobes<'_> {
     }
 
     /// What the sheen lets through on the way in and out.
-    fn past_sheen(&self, wo: Vec3, wi: Vec3) -> f32 {
+    fn sheen_transmittance(&self, wo: Vec3, wi: Vec3) -> f32 {
         self.sheen.map_or(1.0, |f| f.through(wo, wi))
     }
 
@@ -249,12 +250,12 @@ impl PrincipledLobes<'_> {
         self.seen = self.view(wo);
     }
 
-    /// What a smooth thin sheet lets straight through.
+    /// What a smooth thin dielectric lets straight through.
     pub(in crate::material) fn straight_through(&self, wo: Vec3) -> Option<SampledSpectrum> {
         if self.solid || !self.smooth() || self.transmission <= 0.0 {
             return None;
         }
-        let amount = self.seen.below_coat * (1.0 - self.metallic) * self.transmission * self.past_sheen(wo, -wo);
+        let amount = self.seen.below_coat * (1.0 - self.metallic) * self.transmission * self.sheen_transmittance(wo, -wo);
         Some(self.base * (SampledSpectrum::ONE - self.dielectric(wo.z)) * amount)
     }
 
@@ -315,7 +316,7 @@ impl PrincipledLobes<'_> {
                 pdf += p_coat * d * facets.g1(wo);
             }
         } else if (p_transmission > 0.0 || self.by_facet()) && wide && wi.z < 0.0 {
-            let amount = view.below_coat * (1.0 - self.metallic) * self.transmission * self.past_sheen(wo, wi);
+            let amount = view.below_coat * (1.0 - self.metallic) * self.transmission * self.sheen_transmittance(wo, wi);
             if self.solid {
                 let (value, density, cos) = self.eval_refraction(wo, wi);
                 f += self.base
@@ -373,7 +374,7 @@ impl PrincipledLobes<'_> {
         let wi = if u[2] < p_specular {
             if self.smooth() {
                 let wi = Vec3::new(-wo.x, -wo.y, wo.z);
-                let weight = self.facet_reflectance(view, wo.z) * (self.past_sheen(wo, wi) / p_specular);
+                let weight = self.facet_reflectance(view, wo.z) * (self.sheen_transmittance(wo, wi) / p_specular);
                 return Some(LocalScatter { wi, weight, pdf: p_specular, specular: true, disperses });
             }
             let h = self.facets.sample_visible(wo, direction);
@@ -393,7 +394,7 @@ impl PrincipledLobes<'_> {
                     false => (-wo, 1.0),
                 };
                 let fraction =
-                    (SampledSpectrum::ONE - self.dielectric(wo.z)) * (amount * self.past_sheen(wo, wi) / p_transmission);
+                    (SampledSpectrum::ONE - self.dielectric(wo.z)) * (amount * self.sheen_transmittance(wo, wi) / p_transmission);
                 return Some(LocalScatter {
                     wi,
                     weight: self.base * fraction * scale,

@@ -9,7 +9,7 @@
 use super::{COAT_IOR, PrincipledLobes};
 use crate::material::energy::PolarizedAs;
 use crate::material::microfacet::fresnel_schlick;
-use crate::material::polarization::{Complex, Event, InPlane, conductor, dielectric, pane, s_axis};
+use crate::material::polarization::{Complex, Event, InPlane, conductor, dielectric, s_axis, thin_dielectric_faces};
 use diopter_light::SampledSpectrum;
 use glam::Vec3;
 
@@ -21,9 +21,9 @@ const ALL: InPlane = InPlane { s: SampledSpectrum::ONE, p: SampledSpectrum::ONE,
 
 impl PrincipledLobes<'_> {
     /// What the dielectric reflects and transmits of each component at a cosine, with its tint and film: the mean of the first is
-    /// [`PrincipledLobes::dielectric`] but for panes, of which it is the mean of what both faces do to each component.
+    /// [`PrincipledLobes::dielectric`] but for thin dielectrics, of which it is the mean of what both faces do to each component.
     fn dielectric_in_plane(&self, cos: f32) -> [InPlane; 2] {
-        let faces = |one: [InPlane; 2]| if self.pane { pane(one) } else { one };
+        let faces = |one: [InPlane; 2]| if self.thin_dielectric { thin_dielectric_faces(one) } else { one };
         let bare = faces(dielectric(cos, self.eta));
         let bare = match &self.tint {
             None => bare,

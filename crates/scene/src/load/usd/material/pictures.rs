@@ -188,6 +188,7 @@ impl Picture {
         Arc::new(Graph::Mix(from, to, graph))
     }
 
+    /// The picture as a colour.
     pub fn color(self) -> Color {
         let texture = self.texture.unwrap_or_else(|| Texture::color(stand_in()));
         let (scale, bias) = (self.scale.truncate(), self.bias.truncate());

@@ -1,4 +1,4 @@
-//! The f-number of lenses, also of those with decentred or tilted groups: the beam that a distant point on the axis sends through the stop.
+//! The f-number of lenses, also of bent ones (decentred or tilted groups) and of mirrors off the axis: the beam that a distant point on the axis sends through the stop.
 //!
 //! In a lens whose surfaces all stand on the axis the beam is round about it and one meridional ray tells its size. Where a group is
 //! decentred or tilted the beam is not about the axis: its chief ray is the one that meets the middle of the stop (found in x and y), and

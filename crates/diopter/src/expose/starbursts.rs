@@ -9,7 +9,7 @@
 //! film.
 //!
 //! Whether a sample is a lamp's depends on nothing but the sample, so parts of the samples add up to the whole. Where fireflies are re-weighted, lone bright
-//! samples make no star.
+//! samples make no starburst.
 
 use super::diffraction::Optics;
 use super::response::GROUP;
@@ -21,14 +21,14 @@ use glam::{DVec2, Vec4};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Points for each pixel of the film, all stars together, and the fewest and most.
+/// Points for each pixel of the film, all starbursts together, and the fewest and most.
 const POINTS_A_PIXEL: f64 = 24.0;
 const POINTS: [f64; 2] = [1_048_576.0, 134_217_728.0];
 /// Fewest and most points of a pixel that sends light out.
 const POINTS_OF_SOURCE: [f64; 2] = [32.0, 1_048_576.0];
 /// Points that are in memory at once, about.
 const AT_ONCE: usize = 1 << 20;
-/// Lamp samples in a pixel and its neighbours that make a star where fireflies are re-weighted: as many as make a reliable estimate there.
+/// Lamp samples in a pixel and its neighbours that make a starburst where fireflies are re-weighted: as many as make a reliable estimate there.
 const RELIABLE: f64 = 5.0;
 
 /// Bands that a pixel has for what it sends out: its light (by replicate), the sums of light × wavelength and light × wavelength², and a number of samples.
@@ -67,13 +67,13 @@ pub(super) fn note_direct(sums: &mut [[f64; 2]], half: usize, fraction: f32, val
     }
 }
 
-/// The stars of an exposure whose samples are all taken.
-pub(super) struct Stars<'a> {
+/// The starbursts of an exposure whose samples are all taken.
+pub(super) struct Starbursts<'a> {
     pub optics: &'a Optics,
     pub camera: &'a Camera,
     pub seed: u64,
     pub bands: usize,
-    /// Bands that a pixel has before those of the stars.
+    /// Bands that a pixel has before those of the starbursts.
     pub before: usize,
     /// Where the sums begin of what of their light is direct, where that is recorded.
     pub direct: Option<usize>,
@@ -94,7 +94,7 @@ struct Source {
 /// Light that arrives: number of pixel and band, what it adds to mean and half difference, and to the mean of direct light.
 type Splat = (usize, f32, f32, f32);
 
-impl Stars<'_> {
+impl Starbursts<'_> {
     fn of_pixel<'b>(&self, sums: &'b Raster<f64>, column: usize, row: usize) -> &'b [[f64; 2]] {
         let start = (row * sums.width + column) * sums.channels + 2 * self.before;
         sums.data[start..start + 2 * star_sums(self.bands)].as_chunks::<2>().0
