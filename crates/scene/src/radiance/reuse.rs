@@ -7,7 +7,8 @@
 //!
 //! Sources: Bekaert, Sbert & Halton 2002, "Accelerating Path Tracing by Re-Using Paths", EGWR; Veach 1997, §9.2 (balance heuristic).
 //!
-//! What a donor lends is the same whatever receiver found it: all that broad lobes (`BROAD_ALPHA`) send on, and what narrow ones send on from lamps without extent; the rest serves its own path alone. So do
+//! Light of lamps and of the sky is lent by the density of the donor: all that broad lobes (`BROAD_ALPHA`) send on, and what narrow ones send on from lamps without extent; the rest serves its own path alone. Light that further
+//! surfaces send to a donor that is not diffuse is lent by all lobes, by the joint density of the donor and of the direction in which its path went on: towards one receiver a narrow lobe may well send what was drawn for another. Alone are also
 //! directions through a surface, and donors behind panes and faces of media: a shadow ray that meets any of them is blocked, as the path that found a donor met none.
 //! Why so, with figures: `docs/decisions/path-reuse.md`.
 
@@ -82,6 +83,9 @@ struct Donor<'a> {
     radiance: SampledSpectrum,
     /// Whether that is the same to all sides.
     is_diffuse: bool,
+    /// Where it does more than to reflect diffusely: unit direction in which its path went on, and the radiance that arrives from surfaces there, not of what they emit. Depends on the direction
+    /// towards the receiver by the scattering function alone, and is lent by the joint density of the donor and of that direction.
+    further: Option<(Vec3, SampledSpectrum)>,
 }
 
 /// What is kept of a path while it follows the light of its donor.
@@ -90,9 +94,12 @@ struct Suspended<T> {
     tally_before: T,
     depth: u32,
     throughput: SampledSpectrum,
-    /// f cos θ of the lobes that are lent, and of the others.
+    /// f cos θ of the lobes that are lent, and of the others; density of the direction in which it goes on.
     broad: SampledSpectrum,
     narrow: SampledSpectrum,
+    density: f32,
+    /// Whether light from further surfaces is lent by all lobes.
+    is_joint: bool,
 }
 
 /// Light that was found at a donor.
@@ -201,19 +208,35 @@ impl<'a> Transport<'a> {
             }
         });
         self.connect_to_light(&mut path);
+        let (mut next, mut before_surface) = (next, None);
+        if suspended.as_ref().is_some_and(|suspended: &Suspended<T>| suspended.is_joint) {
+            while next == Next::GoesOn && before_surface.is_none() {
+                let mut hit = self.find_hit(&path);
+                next = self.arrive(&mut path, hit.as_mut(), |path, here| {
+                    before_surface = Some(std::mem::take(&mut path.tally));
+                    self.scatter_light(path, &here.vertex())
+                });
+                self.connect_to_light(&mut path);
+            }
+        }
         let tally = if next == Next::Ended { path.tally } else { self.follow_on(path) };
         let Some(mut donor) = donor else { return tally };
         let tally = match suspended {
             None => tally,
-            Some(Suspended { mut tally_before, depth, throughput, broad, narrow }) => {
-                let light = tally.all();
+            Some(Suspended { mut tally_before, depth, throughput, broad, narrow, density, .. }) => {
+                let mut light = tally.all();
+                if let Some(before_surface) = before_surface {
+                    donor.further = Some((donor.found[1].wi, light * density));
+                    light = before_surface.all();
+                }
                 donor.found[1].light = light;
                 donor.radiance += broad * light;
                 tally_before.add(throughput * narrow * light, depth + 1);
                 tally_before
             }
         };
-        if donor.found.iter().any(|found| found.light != SampledSpectrum::ZERO) {
+        let is_lit = |light: SampledSpectrum| light != SampledSpectrum::ZERO;
+        if donor.further.is_some_and(|(_, light)| is_lit(light)) || donor.found.iter().any(|found| is_lit(found.light)) {
             donors.push(donor);
         }
         tally
@@ -253,6 +276,7 @@ impl<'a> Transport<'a> {
             is_diffuse: bsdf.diffuse_albedo().is_some() && bsdf.shading_normal().dot(vertex.wo) >= UNTILTED,
             found: [by_light, Found::default()],
             radiance: broad * by_light.light,
+            further: None,
         });
         let Some(scatter) = bsdf.sample(scatter_numbers) else {
             path.tally = tally_before;
@@ -260,14 +284,15 @@ impl<'a> Transport<'a> {
         };
         let u = scatter_numbers[3];
         let broad = bsdf.eval_broad(scatter.wi, BROAD_ALPHA);
-        if scatter.specular || broad == SampledSpectrum::ZERO {
+        let is_joint = bsdf.diffuse_albedo().is_none();
+        if scatter.specular || !is_joint && broad == SampledSpectrum::ZERO {
             (path.tally, path.throughput) = (tally_before, throughput);
             return self.go_along(path, &vertex, scatter, u, None, None);
         }
         donor.found[1].wi = scatter.wi;
         let all = scatter.weight * scatter.pdf;
         let narrow = (all - broad).max(SampledSpectrum::ZERO);
-        *suspended = Some(Suspended { tally_before, depth, throughput, broad, narrow });
+        *suspended = Some(Suspended { tally_before, depth, throughput, broad, narrow, density: scatter.pdf, is_joint });
         // Roulette goes by what the path itself would carry.
         path.eta_scale *= (throughput * scatter.weight).max_element() * scatter.pdf;
         let weight = SampledSpectrum::splat(1.0 / scatter.pdf);
@@ -279,7 +304,8 @@ impl<'a> Transport<'a> {
         let mut lent = Vec::with_capacity(receivers.all.len());
         for donor in donors {
             let Some(own) = receivers.all.iter().find(|r| r.path == donor.path) else { continue };
-            let mut density = 0.0;
+            // Of the donor, and of it and the direction in which its path went on.
+            let (mut density, mut joint_density) = (0.0, 0.0);
             lent.clear();
             for (receiver, bsdf) in receivers.all.iter().zip(&receivers.bsdfs).filter(|(r, _)| r.depth == own.depth) {
                 let to_donor = donor.surface.point - receiver.point;
@@ -299,15 +325,18 @@ impl<'a> Transport<'a> {
                 }
                 let geometry = facing / squared;
                 density += pdf * geometry;
-                let radiance = match is_own || donor.is_alike_from(-wi) {
-                    true => donor.radiance,
+                let (radiance, further) = match donor.further.is_none() && (is_own || donor.is_alike_from(-wi)) {
+                    true => (donor.radiance, (SampledSpectrum::ZERO, 0.0)),
                     false => self.radiance_towards(donor, -wi),
                 };
-                lent.push((receiver.path, receiver.throughput * f * radiance * geometry));
+                joint_density += pdf * geometry * further.1;
+                let to_film = receiver.throughput * f * geometry;
+                lent.push((receiver.path, [to_film * radiance, to_film * further.0]));
             }
-            for (path, light) in &lent {
+            for (path, [light, further]) in &lent {
                 // At both surfaces.
-                let light = *light / density;
+                let further = if joint_density > 0.0 { *further / joint_density } else { SampledSpectrum::ZERO };
+                let light = *light / density + further;
                 if light.is_finite() {
                     tallies[*path].add(light, own.depth + 2);
                 }
@@ -324,11 +353,17 @@ impl<'a> Transport<'a> {
         self.scene.occluded(&ray, distance)
     }
 
-    /// Radiance from a donor towards `wo`.
+    /// Radiance from a donor towards `wo` that is lent by the density of the donor; what is lent by the joint density, and the density of the further direction.
     #[inline(never)]
-    fn radiance_towards(&self, donor: &Donor<'a>, wo: Vec3) -> SampledSpectrum {
+    fn radiance_towards(&self, donor: &Donor<'a>, wo: Vec3) -> (SampledSpectrum, (SampledSpectrum, f32)) {
+        let none = (SampledSpectrum::ZERO, 0.0);
         let seen = donor.material.bsdf(&donor.surface, wo, donor.wavelengths, donor.hero_only, None);
-        seen.map_or(SampledSpectrum::ZERO, |bsdf| donor.found.iter().map(|found| found.response(&bsdf) * found.light).sum())
+        let Some(bsdf) = seen else { return (SampledSpectrum::ZERO, none) };
+        let further = donor.further.map_or(none, |(wi, light)| {
+            let (f, density) = bsdf.eval(wi);
+            (f * light, density)
+        });
+        (donor.found.iter().map(|found| found.response(&bsdf) * found.light).sum(), further)
     }
 }
 
