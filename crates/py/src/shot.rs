@@ -92,10 +92,7 @@ impl Request {
         // The bar is the exposure's; these take moments.
         let quiet = ProgressReporter { cancel: watch.cancel, progress: &|_| () };
         let report = shot.focus(&quiet, &mut warn)?;
-        match &self.records {
-            Records::Electrons => shot.meter(&quiet, &mut warn)?,
-            Records::Luminance | Records::Spectral(_) => shot.meter_if_needed(&quiet, &mut warn)?,
-        }
+        shot.meter(&quiet, &mut warn)?;
         Ok((shot, report))
     }
 }

@@ -29,9 +29,7 @@ pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
     }
     let room = memory::room(&mut shot, args.taking.max_memory)?;
     watched("focusing", |w| shot.focus(w, &mut warn))?;
-    // The display tells what the meter reads of an exposure by hand, too.
-    let records_radiance = shot.radiance || shot.spectral.is_some();
-    watched("metering", |w| if records_radiance { shot.meter_if_needed(w, &mut warn) } else { shot.meter(w, &mut warn) })?;
+    watched("metering", |w| shot.meter(w, &mut warn))?;
     say_ambient(file.scene.ambient_ev, &shot.facts());
     let started = Instant::now();
     let (path, facts, size, bands, seconds, stopped) = match room {

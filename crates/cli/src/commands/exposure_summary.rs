@@ -8,13 +8,9 @@ use diopter::quantity::FNumber;
 /// Time, aperture, speed.
 pub fn setting(f: &ExposureFacts) -> String {
     let time = if f.exposure_s < 0.3 { format!("1/{:.0} s", 1.0 / f.exposure_s) } else { format!("{:.1} s", f.exposure_s) };
-    let aperture = aperture(f);
+    let aperture = FNumber((f.f_number * 100.0).round() / 100.0);
     let at = if f.at_s > 0.0 { format!("   at {:.4} s", f.at_s) } else { String::new() };
     format!("{time}   {aperture}   ISO {:.0}{at}", f.speed().unwrap_or(100.0))
-}
-
-fn aperture(f: &ExposureFacts) -> FNumber {
-    FNumber((f.f_number * 100.0).round() / 100.0)
 }
 
 /// Says what a meter reads of light that was scaled by its mean luminance, where that is not the same.
@@ -35,13 +31,12 @@ pub fn say_ambient(ambient_ev: Option<f64>, facts: &ExposureFacts) {
 pub fn display(f: &ExposureFacts, width: usize, height: usize, seconds: f64) -> String {
     let focus = f.focus_distance_m.map_or("∞".to_owned(), |d| format!("{d:.2} m"));
     let meter = match f.metered_ev100 {
-        None if f.metering.is_empty() => String::new(),
-        None => "no light metered   ".to_owned(),
+        None => "no light metered".to_owned(),
         Some(ev) => {
             let stop = if f.t_number > 0.0 { f.t_number } else { f.f_number };
             let time = f.shutter.as_ref().map_or(f.exposure_s, |s| s.effective_s);
             let off = ev - ev100_of_setting(stop, time, f.speed().unwrap_or(100.0));
-            format!("scene EV {ev:.1} ({}), exposure {} EV   ", f.metering, signed(off))
+            format!("scene EV {ev:.1} ({}), exposure {} EV", f.metering, signed(off))
         }
     };
     let mut extras = String::new();
@@ -69,12 +64,11 @@ pub fn display(f: &ExposureFacts, width: usize, height: usize, seconds: f64) -> 
     if f.denoised {
         extras.push_str(&format!("   denoised ({})", f.denoiser));
     }
-    let scaled = if f.light_scale == 1.0 { String::new() } else { format!("light × {:.3e}   ", f.light_scale) };
-    // Where the meter was not needed nothing but the aperture is known, or counts.
-    let setting = if f.mode.is_empty() { aperture(f).to_string() } else { format!("mode {}   {}", f.mode, setting(f)) };
+    let scaled = if f.light_scale == 1.0 { String::new() } else { format!("   light × {:.3e}", f.light_scale) };
+    let setting = setting(f);
     format!(
-        "{}   {}   {}\n{setting}   {:.0} mm ({:.0} mm equiv.)   focus {focus}{extras}\n{meter}{scaled}{width}×{height}, {} samples a pixel, {seconds:.1} s",
-        f.body, f.lens, f.scene, f.focal_length_mm, f.focal_length_35mm_mm, f.samples
+        "{}   {}   {}\nmode {}   {setting}   {:.0} mm ({:.0} mm equiv.)   focus {focus}{extras}\n{meter}{scaled}   {width}×{height}, {} samples a pixel, {seconds:.1} s",
+        f.body, f.lens, f.scene, f.mode, f.focal_length_mm, f.focal_length_35mm_mm, f.samples
     )
 }
 

@@ -10,7 +10,6 @@ use crate::metering::Meter;
 use crate::program::{Chosen, Limits, Mode};
 use crate::shutter::{Shutter, ShutterTimes};
 use crate::{metering, program};
-use diopter_lens::Lens;
 use diopter_scene::light::Modulation;
 use std::sync::Arc;
 use std::time::Instant;
@@ -55,36 +54,14 @@ impl Shot {
         self.exposing.mode != Mode::Manual || self.exposing.auto_iso.is_some()
     }
 
-    /// Whether what is recorded depends on how it is exposed: electrons do; mean radiance only where something moves or changes with time, or where the meter would choose the
-    /// aperture of a lens.
-    fn depends_on_exposure(&self) -> bool {
-        let chooses_aperture = matches!(self.exposing.mode, Mode::Program | Mode::ShutterPriority);
-        let has_aperture = !matches!(self.camera.lens, Lens::Pinhole(_));
-        let stands_still = self.timing.holds_camera_still()
-            && self.stabiliser.is_none()
-            && self.timing.flash.is_none()
-            && self.scene.description().animations.is_empty()
-            && !self.scene.flickers();
-        !(self.radiance || self.spectral.is_some()) || chooses_aperture && has_aperture || !stands_still
-    }
-
-    /// [`Shot::meter`] where something depends on its reading. Where everything is set by hand, or what is recorded does not depend on the exposure, the meter is not read: facts of metering are left out, and a
-    /// time that it would have chosen is 1 s. Fails as [`Shot::meter`].
+    /// The same as [`Shot::meter`], but where everything is set by hand the meter is not read: nothing depends on it but its fact, which is left out. Fails as it does.
     pub fn meter_if_needed(&mut self, watch: &ProgressReporter, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
-        let chooses = self.chooses_exposure();
-        if chooses && self.depends_on_exposure() {
+        if self.chooses_exposure() {
             return self.meter(watch, warn);
         }
         self.find_light_scale(watch)?;
-        if !chooses {
-            self.apply_meter_reading(None, warn)?;
-            self.facts.metering = String::new();
-            return Ok(());
-        }
-        self.shutter.get_or_insert(1.0);
-        self.facts.mode = String::new();
-        self.prepare_exposure(warn)?;
-        self.keep_to_time_limit(warn);
+        self.apply_meter_reading(None, warn)?;
+        self.facts.metering = String::new();
         Ok(())
     }
 

@@ -225,11 +225,6 @@ impl Timing {
         }
     }
 
-    /// Whether the camera stands still at all times.
-    pub fn holds_camera_still(&self) -> bool {
-        self.frozen || self.path.is_empty() && self.carrier.is_none() && self.mounted.is_none() && self.shake.is_none()
-    }
-
     /// Whether the camera shakes.
     pub fn shakes(&self) -> bool {
         self.shake.is_some() || self.mounted.as_ref().is_some_and(|mounted| mounted.path.shake().is_some())

@@ -21,31 +21,6 @@ fn metered(toml: &str) -> (Shot, Vec<String>) {
 }
 
 #[test]
-fn mean_radiance_is_metered_only_where_its_exposure_counts() {
-    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| {} };
-    let of = |radiance: bool, toml: &str| {
-        let (mut shot, _) = told(&format!("[render]\nsize = \"24x16\"\nspp = 1\n{toml}"));
-        shot.radiance = radiance;
-        shot.meter_if_needed(&watch, &mut |_| ()).unwrap();
-        (shot.facts().metered_ev100.is_some(), shot.shutter, shot.expose(&watch).unwrap())
-    };
-    let still = "[scene]\nfile = \"cornell\"\n";
-    let (is_metered, time, plane) = of(true, still);
-    assert!(!is_metered && time == Some(1.0));
-    // What time is taken makes no difference there.
-    let long = of(true, &format!("{still}[exposure]\nshutter = \"30s\"\n")).2;
-    for (a, b) in plane.mean.data.iter().zip(&long.mean.data) {
-        assert!((a - b).abs() <= 1e-5 * b.abs(), "{a} {b}");
-    }
-    assert!(of(false, still).0, "electrons");
-    assert!(of(true, "[scene]\nfile = \"rolling-ball\"\n").0, "what moves");
-    let shaken = "[scene]\nfile = \"cornell\"\n[camera]\nshake = 0.5\n";
-    assert!(of(true, shaken).0, "a camera in the hand");
-    let program = "[scene]\nfile = \"cornell\"\n[exposure]\nmode = \"P\"\n[camera]\nfocus = \"2m\"\n";
-    assert!(of(true, program).0, "an aperture that is to be chosen");
-}
-
-#[test]
 fn a_time_of_hours_is_said_to_be_long() {
     let long = |said: &[String]| said.iter().find(|s| s.contains("little light")).cloned();
     let small = "[render]\nsize = \"24x16\"\nspp = 1\n[exposure]\naperture = \"f/4\"\n";
