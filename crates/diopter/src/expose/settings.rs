@@ -27,6 +27,8 @@ pub struct Settings {
     pub path: PathSettings,
     /// How light transport is computed.
     pub integrator: Integrator,
+    /// Whether `auto` may trace paths to learn whether reuse and connections pay; without, it takes neither. For means of all pixels, which neither makes less noisy for what it costs.
+    pub trial: bool,
     /// Factor on all light of the scene.
     pub light_scale: f64,
     /// Stop after about so much time, s, the truth included; the samples that are done then (two at least) make the picture.
@@ -70,6 +72,7 @@ impl Settings {
             seed: 1,
             path: PathSettings::default(),
             integrator: Integrator::default(),
+            trial: true,
             light_scale: 1.0,
             time_limit_s: None,
             truth: true,
