@@ -12,7 +12,7 @@
 //! Nikon, D810 manual (12 mm circle, 75 %; spot 4 mm). The matrix pattern is our own, makers keep theirs to themselves.
 
 use crate::camera::{Camera, Film};
-use crate::expose::{ExposeError, Integrator, ProgressReporter, Response, Settings, expose};
+use crate::expose::{ExposeError, ProgressReporter, Response, Settings, expose};
 use crate::shutter::Shutter;
 use diopter_image::{ExposureFacts, FocalPlane, RawImage};
 use diopter_light::cie;
@@ -135,12 +135,7 @@ fn probe(
         samples: 0..PROBE_SAMPLES,
         time_limit_s: None,
         truth: false,
-        // Light that pixels share makes none of the means less noisy.
-        integrator: match settings.integrator {
-            Integrator::PathReuse => Integrator::Path,
-            integrator => integrator,
-        },
-        trial: false,
+        means_only: true,
         shutter_times: Default::default(),
         ..settings.clone()
     };

@@ -1,7 +1,7 @@
 //! The mount: the only place where lens (mm, f64, +z towards the film) and world (m, f32) meet.
 //!
 //! The lens stands in the camera's frame with its plane (a real lens: the middle of its entrance pupil) at the camera's origin
-//! and its +z along the camera's +Z: light goes that motion. The picture on the film is upside down and mirrored, so a pixel right of the middle lies at −x.
+//! and its +z along the camera's +Z: light goes that way. The picture on the film is upside down and mirrored, so a pixel right of the middle lies at −x.
 
 use crate::camera::{Camera, Film};
 use crate::camera_motion::CameraMotion;

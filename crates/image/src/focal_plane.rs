@@ -103,6 +103,8 @@ impl FocalPlane {
 
     /// Adds the rows of a plane of the same width and bands below its own. Fails, and adds nothing, on another width, another number of bands or other truth channels.
     pub fn append(&mut self, below: &FocalPlane) -> Result<(), ImageError> {
+        self.mean.check_below(&below.mean)?;
+        self.half_difference.check_below(&below.half_difference)?;
         self.truth.append(&below.truth)?;
         self.mean.append(&below.mean)?;
         self.half_difference.append(&below.half_difference)
@@ -405,6 +407,10 @@ mod tests {
             strips.append(&merged.next_rows(rows).unwrap()).unwrap();
         }
         assert!(merged.next_rows(1).is_err());
+        assert_eq!(strips, whole);
+        // Rows of fewer bands do not fit, and leave all of it as it is.
+        let narrow = FocalPlane { mean: Raster::new(3, 37, 1), ..part(0, 5) };
+        assert!(strips.append(&narrow).is_err());
         assert_eq!(strips, whole);
         // Truth of the part that was given first, and by hand the number of a pixel.
         assert_eq!((whole.truth.id().data[0], whole.facts.first_sample, whole.facts.samples), (8, 0, 10));

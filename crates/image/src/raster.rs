@@ -63,12 +63,18 @@ impl<T: Copy + Default> Raster<T> {
 
     /// Adds the rows of a raster below its own. Fails, and adds nothing, on another width or number of channels.
     pub fn append(&mut self, below: &Self) -> Result<(), ImageError> {
+        self.check_below(below)?;
+        self.data.extend_from_slice(&below.data);
+        self.height += below.height;
+        Ok(())
+    }
+
+    /// Fails where the rows of another raster do not fit below its own.
+    pub(crate) fn check_below(&self, below: &Self) -> Result<(), ImageError> {
         if (self.width, self.channels) != (below.width, below.channels) {
             let rows = |r: &Self| format!("rows of {} pixels with {} channels", r.width, r.channels);
             return Err(ImageError::Mismatch(format!("{} below {}", rows(below), rows(self))));
         }
-        self.data.extend_from_slice(&below.data);
-        self.height += below.height;
         Ok(())
     }
 }

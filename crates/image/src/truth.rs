@@ -105,6 +105,14 @@ impl Values {
         }
     }
 
+    fn check_below(&self, below: &Values) -> Result<(), ImageError> {
+        match (self, below) {
+            (Values::Float(raster), Values::Float(below)) => raster.check_below(below),
+            (Values::Whole(raster), Values::Whole(below)) => raster.check_below(below),
+            _ => Err(ImageError::Mismatch("rows of other truth channels".into())),
+        }
+    }
+
     fn append(&mut self, below: &Values) -> Result<(), ImageError> {
         match (self, below) {
             (Values::Float(raster), Values::Float(below)) => raster.append(below),
@@ -249,10 +257,16 @@ impl Truth {
 
     /// Adds the rows of a truth below its own. Fails, and adds nothing, on other channels or another width.
     pub fn append(&mut self, below: &Truth) -> Result<(), ImageError> {
+        self.check_below(below)?;
+        self.values.iter_mut().zip(&below.values).try_for_each(|(v, below)| v.append(below))
+    }
+
+    /// Fails where the rows of another truth do not fit below its own.
+    pub(crate) fn check_below(&self, below: &Truth) -> Result<(), ImageError> {
         if self.recorded.channels != below.recorded.channels {
             return Err(ImageError::Mismatch("rows of other truth channels".into()));
         }
-        self.values.iter_mut().zip(&below.values).try_for_each(|(v, below)| v.append(below))
+        self.values.iter().zip(&below.values).try_for_each(|(v, below)| v.check_below(below))
     }
 
     /// Only the channels of `recorded`, all of which must be there.

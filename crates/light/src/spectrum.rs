@@ -141,6 +141,17 @@ mod tests {
     }
 
     #[test]
+    fn tables_that_lack_values_or_a_step_are_defined_everywhere() {
+        for empty in [Table::new(400.0, 5.0, vec![]), Table::from_points(&[])] {
+            assert_eq!([300.0, 550.0, 900.0].map(|nm| empty.at(nm)), [0.0; 3]);
+        }
+        for step_nm in [0.0, -5.0, f32::NAN] {
+            let table = Table::new(400.0, step_nm, vec![2.0, 3.0]);
+            assert_eq!([300.0, 550.0, 900.0].map(|nm| table.at(nm)), [2.0; 3], "{step_nm}");
+        }
+    }
+
+    #[test]
     fn table_is_linear_inside_and_constant_outside() {
         let table = Table::new(400.0, 100.0, vec![1.0, 3.0]);
         assert_eq!([300.0, 400.0, 450.0, 500.0, 900.0].map(|nm| table.at(nm)), [1.0, 1.0, 2.0, 3.0, 3.0]);

@@ -137,21 +137,19 @@ impl Scene {
     /// Places a free node ([`crate::motion::Node::free`]) in the world, m. What hangs on it follows at the next [`Scene::pose`]. Gives whether the number is a free node's;
     /// nothing changes otherwise.
     pub fn place_node(&mut self, node: u32, world_from_node: Affine3A) -> bool {
-        let is_free = self.description.nodes.get(node as usize).is_some_and(|node| node.free && node.parent.is_none());
-        if is_free {
-            Arc::make_mut(&mut self.description).nodes[node as usize].rest = Local::Matrix(world_from_node);
-        }
-        is_free
+        let node = Arc::make_mut(&mut self.description).nodes.get_mut(node as usize);
+        let Some(node) = node.filter(|node| node.free && node.parent.is_none()) else { return false };
+        node.rest = Local::Matrix(world_from_node);
+        true
     }
 
     /// Changes how the lamps of a material shine with time. Gives whether the number is that of a material that shines; nothing changes otherwise.
     pub fn modulate(&mut self, material: u32, modulation: Modulation) -> bool {
-        let shines = self.description.materials.get(material as usize).is_some_and(|material| material.emission.is_some());
-        if shines && let Some(emission) = &mut Arc::make_mut(&mut self.description).materials[material as usize].emission {
-            emission.modulation = modulation;
-            self.note_modulations();
-        }
-        shines
+        let material = Arc::make_mut(&mut self.description).materials.get_mut(material as usize);
+        let Some(emission) = material.and_then(|material| material.emission.as_mut()) else { return false };
+        emission.modulation = modulation;
+        self.note_modulations();
+        true
     }
 
     fn note_modulations(&mut self) {

@@ -8,7 +8,7 @@ use crate::moving_part::MovingState;
 use diopter_image::RowTimes;
 use glam::{Affine3A, DAffine3, DMat3, DMat4, DQuat, DVec3};
 
-/// OpenCV's camera axes from OpenGL's, and the other motion: y and z turn round.
+/// OpenCV's camera axes from OpenGL's, and the other way: y and z turn round.
 const FLIP: DMat3 = DMat3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z);
 
 /// A place of the camera at a moment of an exposure.

@@ -282,8 +282,8 @@ impl Unit<'_> {
             }
             false => 0.0,
         };
-        // Colours may land in rows that are open at other times: the moment is drawn from the time of all of them.
-        let lands: [Option<(usize, usize)>; 4] = match spread {
+        // Wavelengths may arrive in rows that are open at other times: the moment is drawn from the time of all of them.
+        let pixels: [Option<(usize, usize)>; 4] = match spread {
             false => [Some((x, y)); 4],
             true => std::array::from_fn(|c| {
                 let [x, y] = match &self.behind {
@@ -300,7 +300,7 @@ impl Unit<'_> {
                 self.camera.pixel_of(at).filter(|_| collected)
             }),
         };
-        let windows = lands.map(|p| p.map(|(x, y)| self.window(x, y, pupil)));
+        let windows = pixels.map(|p| p.map(|(x, y)| self.window(x, y, pupil)));
         let union = |a: (f64, f64), w: (f64, f64)| (a.0.min(w.0), a.1.max(w.1));
         let mut all = windows.iter().copied().flatten().fold((f64::INFINITY, f64::NEG_INFINITY), union);
         let footprints = match spread && uses_variate {
@@ -340,7 +340,7 @@ impl Unit<'_> {
             true => exits.film_points[k].map(|land| glam::Vec2::from_array(land).as_dvec2() + filter),
             false => [started + filter; 4],
         };
-        let spread = spread.then_some(Spread { pixels: lands, windows, footprints, time, pupil });
+        let spread = spread.then_some(Spread { pixels, windows, footprints, time, pupil });
         let pixel = [x, y];
         Some(CameraRay { pixel, sampler, ray, wavelengths, exposure, weights, factors, displaced, arrived, spread, drawn })
     }

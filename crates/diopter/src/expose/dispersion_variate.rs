@@ -195,7 +195,7 @@ impl Around {
 }
 
 impl DispersionVariate {
-    /// For some samples of the pixels of some columns; `asks_neighbours`: whether samples of pixels before are independent of those of a pixel. `None` where a sample says something of where another one starts in its pixel, or where pixels have gaps between
+    /// A control variate for some samples of the pixels of some columns; `asks_neighbours`: whether samples of pixels before are independent of those of a pixel. `None` where a sample says something of where another one starts in its pixel, or where pixels have gaps between
     /// them.
     pub fn new(
         samples: &Range<u32>,

@@ -64,11 +64,8 @@ impl Exposure<'_> {
     /// Whether pixels may lend one another light.
     pub(super) fn may_reuse(&self) -> bool {
         let film = &self.camera.film;
-        let is_asked = match self.settings.integrator {
-            Integrator::Auto => self.settings.trial,
-            integrator => integrator == Integrator::PathReuse,
-        };
-        is_asked
+        matches!(self.settings.integrator, Integrator::Auto | Integrator::PathReuse)
+            && !self.settings.means_only
             && film.columns * film.rows >= GROUP
             && !self.is_polarized()
             && self.camera.motion.moving().is_none()
@@ -81,7 +78,7 @@ impl Exposure<'_> {
             return None;
         }
         let pixels = self.camera.film.columns * self.camera.film.rows;
-        if self.settings.integrator == Integrator::Auto && !(self.settings.trial && self.has_paths_for_trial()) {
+        if self.settings.integrator == Integrator::Auto && (self.settings.means_only || !self.has_paths_for_trial()) {
             return None;
         }
         let camera_paths = pixels as f64 * f64::from(map_samples(pixels).min(self.settings.spp));

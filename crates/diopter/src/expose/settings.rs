@@ -27,8 +27,8 @@ pub struct Settings {
     pub path: PathSettings,
     /// How light transport is computed.
     pub integrator: Integrator,
-    /// Whether `auto` may trace paths to learn whether reuse and connections pay; without, it takes neither. For means of all pixels, which neither makes less noisy for what it costs.
-    pub trial: bool,
+    /// Only means over many pixels are wanted: light is not reused, which makes them no less noisy, and `auto` does not ask whether connections pay.
+    pub means_only: bool,
     /// Factor on all light of the scene.
     pub light_scale: f64,
     /// Stop after about so much time, s, the truth included; the samples that are done then (two at least) make the picture.
@@ -72,7 +72,7 @@ impl Settings {
             seed: 1,
             path: PathSettings::default(),
             integrator: Integrator::default(),
-            trial: true,
+            means_only: false,
             light_scale: 1.0,
             time_limit_s: None,
             truth: true,

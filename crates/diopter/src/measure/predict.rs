@@ -372,7 +372,7 @@ impl<'a> Seen<'a> {
             })
             .collect();
         let line = |i: usize| half[i.abs_diff(middle)];
-        // The edge is half motion up in the middle.
+        // The edge is half way up in the middle.
         let (mut up, mut edge) = (0.0, Vec::with_capacity(places.len()));
         for i in 0..places.len() {
             up += if i == 0 { 0.0 } else { 0.5 * (line(i - 1) + line(i)) / PLACES };
@@ -467,7 +467,7 @@ mod tests {
         );
         // The edge that was "measured" has full contrast: the difference is largest where the chain leaves least.
         assert!((p.largest_difference[0] - (1.0 - p.product[half])).abs() < 0.05, "{:?}", p.largest_difference);
-        // Along an edge nothing is lost; across it what a box of the motion leaves, with its first zero at one cycle in the motion.
+        // Along an edge nothing is lost; across it what a box as long as the motion leaves, with its first zero at one cycle in its length.
         let moved = |motion| Chain { motion: Motion::Straight(motion), ..chain }.predict(&edge([1.0, 0.0])).unwrap();
         assert_eq!(moved([0.0, 7.0]).product, p.product);
         let across = moved([-1.2, 7.0]);

@@ -156,9 +156,7 @@ impl SceneCache {
             if let Some((view, edge_px)) = dicing_rate {
                 description.refine_displaced(&view, edge_px, timing.at_s);
             }
-            if let Some(albedo) =
-                surroundings::add_surroundings(&mut description, section, timing.flash.is_some(), placement, &mut note)?
-            {
+            if let Some(albedo) = surroundings::add(&mut description, section, timing.flash.is_some(), placement, &mut note)? {
                 scene_setup::add_ground(&mut description, albedo, timing.at_s)?;
             }
             timing::add_flicker(&mut description, &section.flicker)?;

@@ -86,7 +86,7 @@ pub(super) fn follow_camera(scene: &Description, section: &SceneSection, flash: 
 
 /// Puts surroundings around a scene, and answers with the albedo of the floor that belongs under it, if one does. `flash`: whether the camera brings
 /// light; `stand`: where it is.
-pub(super) fn add_surroundings(
+pub(super) fn add(
     scene: &mut Description,
     section: &SceneSection,
     flash: bool,

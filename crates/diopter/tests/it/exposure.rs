@@ -43,6 +43,15 @@ fn one_two_and_eight_threads_give_the_same_bits() {
 }
 
 #[test]
+fn a_film_without_bands_is_an_error() {
+    let (scene, camera) = cornell(4, 4);
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let response = Response { bands: vec![], curves: vec![], ..Response::luminance() };
+    let taken = expose(&scene, &camera, &SECOND, &response, &Settings::new(2), &ExposureFacts::default(), &watch);
+    assert!(matches!(taken, Err(diopter::expose::ExposeError::Nothing)));
+}
+
+#[test]
 fn halves_merge_to_the_whole() {
     let (scene, camera) = cornell(24, 24);
     for sampler in [SamplerKind::Sobol, SamplerKind::Jittered, SamplerKind::Independent, SamplerKind::Grid] {

@@ -242,7 +242,7 @@ impl<'a> Transport<'a> {
         tally
     }
 
-    /// Light at a donor, and where the path goes on from there: what is found from now on is the donor's, and the path's own tally is laid `suspended`, unless a mirror was drawn.
+    /// Light at a donor, and where the path goes on from there: what is found from now on is the donor's, and the path's own tally is kept in `suspended`, unless a mirror was drawn.
     fn scatter_apart<T: Divisible>(
         &self,
         path: &mut Path<'a, T>,

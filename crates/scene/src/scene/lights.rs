@@ -388,7 +388,7 @@ fn parallelogram(t0: [Vec3; 3], t1: [Vec3; 3]) -> Option<Quad> {
         if (*opposite - expected).length() > 1e-5 * size {
             continue;
         }
-        // Both must wind the same motion.
+        // Both must wind the same way.
         let n1 = (t1[1] - t1[0]).cross(t1[2] - t1[0]);
         if (p - corner).cross(q - corner).dot(n1) > 0.0 {
             return Some(Quad { corner, edges: [p - corner, q - corner] });

@@ -94,7 +94,7 @@ pub(super) struct View {
 }
 
 impl PrincipledLobes<'_> {
-    /// Fraction of light that the dielectric reflects at a cosine, with its tint and film: by one face, or by both of a thin_dielectric. Source: pbrt, §9.5.1:
+    /// Fraction of light that the dielectric reflects at a cosine, with its tint and film: by one face, or by both of a thin dielectric. Source: pbrt, §9.5.1:
     /// R + T² R / (1 − R²).
     pub(super) fn dielectric(&self, cos: f32) -> SampledSpectrum {
         let r = fresnel_dielectric(cos, self.eta);
