@@ -176,6 +176,20 @@ impl Color {
         Color::Spectrum(Arc::new(MeasuredColor { spectrum, rgb }))
     }
 
+    /// Linear sRGB where it is a constant.
+    pub(crate) fn constant_rgb(&self) -> Option<Vec3> {
+        match self {
+            Color::Constant { rgb, .. } => Some(*rgb),
+            Color::Spectrum(measured) => Some(measured.rgb),
+            _ => None,
+        }
+    }
+
+    /// Whether it is a constant of this linear sRGB.
+    pub(crate) fn is_everywhere(&self, rgb: Vec3) -> bool {
+        self.constant_rgb() == Some(rgb)
+    }
+
     /// A factor (linear sRGB) times an image, if there is one.
     pub(crate) fn with_picture(factor: Vec3, picture: Option<Texture>) -> Self {
         match picture {

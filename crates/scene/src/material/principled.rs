@@ -180,6 +180,17 @@ impl Principled {
         }
     }
 
+    /// With the reflection of its dielectric scaled by a color (linear sRGB, 0 to 1): the largest component at all angles, what the others lack of it at normal incidence.
+    pub(crate) fn with_specular(self, scale: Vec3) -> Self {
+        let largest = scale.max_element();
+        if scale == Vec3::ONE {
+            return self;
+        }
+        let tint = if largest > 0.0 { scale / largest } else { Vec3::ONE };
+        let specular_color = Color::rgb(tint.x, tint.y, tint.z);
+        Principled { specular: Scalar::Constant(largest), specular_color, tinted: true, ..self }
+    }
+
     /// Whether it may be a smooth thin dielectric that lets light through.
     pub(super) fn may_transmit_straight(&self) -> bool {
         let smooth = match &self.roughness {

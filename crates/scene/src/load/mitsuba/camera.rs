@@ -67,6 +67,7 @@ pub fn add(context: &mut Context, node: &Node) -> Result<(), SceneError> {
         }
         "orthographic" => CameraProjection::Orthographic { height: (2.0 * place.y_axis.truncate().length() / aspect) as f32 },
         other => {
+            node.leave_out();
             context.skip_unsupported(format!("sensor \"{other}\""));
             return Ok(());
         }

@@ -78,6 +78,7 @@ impl<'a> Context<'a> {
             }
             let there = self.resolved_if(child, tag)?;
             if there.is_some() {
+                child.set_read();
                 return Ok(there);
             }
         }

@@ -97,6 +97,7 @@ pub fn add(context: &mut Context, node: &Arc<Node>) -> Read<()> {
         // Defined here to be referred to by shapes.
         "area" => (),
         "sunsky" | "sun" | "sky" => {
+            node.leave_out();
             context.skip_unsupported(format!("emitter \"{}\": --sun or --daylight give a sky", node.kind()));
         }
         other => {

@@ -1,7 +1,7 @@
 //! BSDFs and textures.
 //!
-//! Departures: microfacets are GGX whatever `distribution` says; plain `diffuse` reflects on both sides; scales of specular reflectance and
-//! transmittance are left out. Source: Mitsuba 3, plugin reference (BSDFs, textures).
+//! Departures: microfacets are GGX whatever `distribution` says; plain `diffuse` reflects on both sides; metals with a `specular_reflectance` follow
+//! Schlick's curve from their color times that scale, and give back what bounces between facets; that of bodies that transmit is left out. Source: Mitsuba 3, plugin reference (BSDFs, textures).
 
 use super::context::{Context, DEEPEST};
 use super::tree::Node;
@@ -14,7 +14,7 @@ use crate::material::{Anisotropy, Conductor, Coverage, DEEPEST_MIX, Hair, Pigmen
 use crate::texture::{Codes, Color, Graph, Interpolation, Mapping, Scalar, Texture, Wrap};
 use diopter_light::Spectrum;
 use diopter_light::spectrum::Table;
-use glam::{Affine2, Vec2, Vec3};
+use glam::{Affine2, DMat4, DVec3, Vec2, Vec3};
 use std::sync::Arc;
 
 type Read<T> = Result<T, SceneError>;
@@ -125,18 +125,26 @@ impl Context<'_> {
         Ok(match node.kind() {
             "diffuse" => Surface::of(Scattering::Diffuse(self.color(node, "reflectance", 0.5)?)),
             "dielectric" | "roughdielectric" => {
-                let glass = Principled::glass(relative_index(node, 1.5046)?);
                 let (roughness, anisotropy) =
                     if node.kind() == "dielectric" { (Scalar::Constant(0.0), None) } else { self.roughness(node)? };
-                self.say_scales(node);
-                let body = Scattering::Principled(Box::new(Principled { roughness, anisotropy, ..glass }));
-                Surface { is_body: true, ..Surface::of(body) }
+                self.say_distribution(node);
+                let (ior, tint) = (relative_index(node, 1.5046)?, self.color(node, "specular_transmittance", 1.0)?);
+                let is_body = !tint.is_everywhere(Vec3::ZERO);
+                // Where nothing goes through, what enters is lost.
+                let interface = match is_body {
+                    true => Principled { base_color: tint, ..Principled::glass(ior) },
+                    false => Principled::new(tint, ior.max(1.0)),
+                };
+                let reflected = self.reflection_scale(node, !is_body)?;
+                let surface = Principled { roughness, anisotropy, ..interface }.with_specular(reflected);
+                Surface { is_body, ..Surface::of(Scattering::Principled(Box::new(surface))) }
             }
             "thindielectric" => {
-                self.say_scales(node);
+                self.reflection_scale(node, false)?;
                 let sheet = Principled {
                     kind: Transmission::Thin,
                     thin_dielectric: true,
+                    base_color: self.color(node, "specular_transmittance", 1.0)?,
                     ..Principled::glass(relative_index(node, 1.5046)?)
                 };
                 Surface::of(Scattering::Principled(Box::new(sheet)))
@@ -146,21 +154,45 @@ impl Context<'_> {
                     "conductor" => (Scalar::Constant(0.0), None),
                     _ => self.alpha(node)?,
                 };
-                self.say_scales(node);
-                Surface::of(Scattering::Conductor(Conductor { alpha, across, ..self.metal(node)? }))
+                self.say_distribution(node);
+                let metal = Conductor { alpha, across, ..self.metal(node)? };
+                let scale = self.color(node, "specular_reflectance", 1.0)?;
+                if scale.is_everywhere(Vec3::ONE) {
+                    return Ok(Surface::of(Scattering::Conductor(metal)));
+                }
+                let color = metal.normal_reflectance();
+                let color = color.clamp(Vec3::ZERO, Vec3::ONE);
+                let base_color = match scale {
+                    Color::Textured { factor, texture } => Color::Textured { factor: factor * color, texture },
+                    Color::Graph(_) => {
+                        self.skip_unsupported("patterns as \"specular_reflectance\" of metals");
+                        Color::rgb(color.x, color.y, color.z)
+                    }
+                    constant => {
+                        let color = color * constant.constant_rgb().unwrap_or(Vec3::ONE);
+                        Color::rgb(color.x, color.y, color.z)
+                    }
+                };
+                let (roughness, across) = (root(metal.alpha), metal.across.map(root));
+                let anisotropy = across.map(|a| Box::new(Anisotropy::Across(a)));
+                let metallic = Scalar::Constant(1.0);
+                let metal = Principled { metallic, roughness, anisotropy, ..Principled::new(base_color, 1.5) };
+                Surface::of(Scattering::Principled(Box::new(metal)))
             }
             // The one that keeps track of polarisation is rough, too.
             "plastic" | "roughplastic" | "pplastic" => {
                 let base = self.color(node, "diffuse_reflectance", 0.5)?;
                 let (roughness, anisotropy) =
                     if node.kind() == "plastic" { (Scalar::Constant(0.0), None) } else { self.roughness(node)? };
-                self.say_scales(node);
+                self.say_distribution(node);
                 if node.kind() == "pplastic" {
                     self.skip_unsupported("pplastic's loss of light between base and coat: it is taken for roughplastic");
                 }
                 let layered = boolean(node, "nonlinear", false)?;
                 let coat = Principled::new(base, relative_index(node, 1.49)?.max(1.0));
-                Surface::of(Scattering::Principled(Box::new(Principled { roughness, anisotropy, layered, ..coat })))
+                let reflected = self.reflection_scale(node, true)?;
+                let coat = Principled { roughness, anisotropy, layered, ..coat }.with_specular(reflected);
+                Surface::of(Scattering::Principled(Box::new(coat)))
             }
             "hair" => Surface::of(Scattering::Hair(Box::new(self.hair(node)?))),
             "principled" | "principledthin" => self.principled(node)?,
@@ -176,6 +208,7 @@ impl Context<'_> {
                 Surface { coverage: Coverage::Blend(opacity), ..own }
             }
             "bumpmap" => {
+                node.leave_out();
                 self.skip_unsupported("bump maps");
                 inner(self)?
             }
@@ -275,12 +308,19 @@ impl Context<'_> {
         Ok(Surface { is_body, ..Surface::of(Scattering::Principled(Box::new(p))) })
     }
 
-    fn say_scales(&mut self, node: &Node) {
-        for name in ["specular_reflectance", "specular_transmittance"] {
-            if node.child(name).is_some_and(|c| c.get("value").is_none_or(|v| v.trim().parse::<f64>() != Ok(1.0))) {
-                self.skip_unsupported(format!("\"{name}\""));
+    /// What scales the reflection of a dielectric, linear sRGB; what is no constant, or is of one that cannot be scaled, is left out.
+    fn reflection_scale(&mut self, node: &Arc<Node>, can_be_scaled: bool) -> Read<Vec3> {
+        let scale = self.color(node, "specular_reflectance", 1.0)?;
+        match scale.constant_rgb() {
+            Some(rgb) if can_be_scaled || rgb == Vec3::ONE => Ok(rgb),
+            _ => {
+                self.skip_unsupported(format!("\"specular_reflectance\" of {}", node.kind()));
+                Ok(Vec3::ONE)
             }
         }
+    }
+
+    fn say_distribution(&mut self, node: &Node) {
         if (node.kind().starts_with("rough") || node.kind() == "pplastic")
             && values::text(node, "distribution").unwrap_or("beckmann") == "beckmann"
         {
@@ -408,7 +448,7 @@ impl Context<'_> {
                     };
                     sides.push(Arc::new(side));
                 }
-                let m = transform(node, "to_uv")?;
+                let m = uv_transform(node)?;
                 if m.x_axis.y != 0.0 || m.y_axis.x != 0.0 {
                     self.skip_unsupported("turns of checkerboards");
                 }
@@ -431,7 +471,9 @@ impl Context<'_> {
         let file = values::text(node, "filename")
             .ok_or_else(|| wrong(node, "a bitmap without filename", "<string name=\"filename\" .../>"))?;
         let Some(image) = self.picture(file) else { return Ok(None) };
-        let codes = if boolean(node, "raw", codes == Codes::Linear)? { Codes::Linear } else { Codes::Srgb };
+        // Mitsuba 0.x writes a gamma of 1 for what is raw.
+        let raw = codes == Codes::Linear || number(node, "gamma", 0.0)? == 1.0;
+        let codes = if boolean(node, "raw", raw)? { Codes::Linear } else { Codes::Srgb };
         let wrap = match values::text(node, "wrap_mode") {
             Some("clamp") => Wrap::Clamp,
             Some("mirror") => Wrap::Mirror,
@@ -441,11 +483,20 @@ impl Context<'_> {
             Some("nearest") => Interpolation::Nearest,
             _ => Interpolation::Bilinear,
         };
-        let m = transform(node, "to_uv")?.as_mat4();
+        let m = uv_transform(node)?.as_mat4();
         let two = |v: glam::Vec4| Vec2::new(v.x, v.y);
         let image_from_uv = Affine2::from_cols(two(m.x_axis), two(m.y_axis), two(m.w_axis));
         Ok(Some(Texture { image, codes, wrap: [wrap; 2], interpolation, uv_set: 0, image_from_uv }))
     }
+}
+
+/// Where a texture lies: `to_uv`, or scale and offset as Mitsuba 0.x writes them.
+fn uv_transform(node: &Node) -> Read<DMat4> {
+    let two = |u: &str, v: &str, default: f64| -> Read<DVec3> {
+        Ok(DVec3::new(number(node, u, default)?, number(node, v, default)?, default))
+    };
+    let (scale, offset) = (two("uscale", "vscale", 1.0)?, two("uoffset", "voffset", 0.0)?);
+    Ok(transform(node, "to_uv")? * DMat4::from_translation(offset) * DMat4::from_scale(scale))
 }
 
 fn root(alpha: Scalar) -> Scalar {

@@ -25,6 +25,7 @@ pub(super) fn of(context: &mut Context, node: &Arc<Node>) -> Read<Medium> {
     let asymmetry = match context.nested(node, "phase", None)? {
         Some(phase) if phase.kind() == "hg" => number(&phase, "g", 0.8)?.clamp(-0.999, 0.999) as f32,
         Some(phase) if phase.kind() != "isotropic" => {
+            phase.leave_out();
             context.skip_unsupported(format!("phase \"{}\": light is thrown evenly", phase.kind()));
             0.0
         }
@@ -36,12 +37,15 @@ pub(super) fn of(context: &mut Context, node: &Arc<Node>) -> Read<Medium> {
             let rgb = |name: &str, default: f32| -> Read<Vec3> {
                 Ok(values::shade(node, name)?.map_or(Vec3::splat(default), |s| s.rgb()).max(Vec3::ZERO))
             };
-            let (sigma_t, albedo) = (rgb("sigma_t", 1.0)?, rgb("albedo", 0.75)?.min(Vec3::ONE));
-            Ok(Medium {
-                absorption: coefficient(sigma_t * (Vec3::ONE - albedo), scale),
-                scattering: coefficient(sigma_t * albedo, scale),
-                ..bare
-            })
+            // Mitsuba 0.x names either both or extinction and albedo.
+            let (absorption, scattering) = match (node.child("sigma_a"), node.child("sigma_s")) {
+                (None, None) => {
+                    let (sigma_t, albedo) = (rgb("sigma_t", 1.0)?, rgb("albedo", 0.75)?.min(Vec3::ONE));
+                    (sigma_t * (Vec3::ONE - albedo), sigma_t * albedo)
+                }
+                _ => (rgb("sigma_a", 0.0)?, rgb("sigma_s", 0.0)?),
+            };
+            Ok(Medium { absorption: coefficient(absorption, scale), scattering: coefficient(scattering, scale), ..bare })
         }
         "heterogeneous" => heterogeneous(context, node, bare, scale),
         other => Err(wrong(node, format!("medium \"{other}\""), "homogeneous or heterogeneous")),

@@ -148,6 +148,92 @@ mod tests {
     }
 
     #[test]
+    fn files_of_the_old_version_are_read_by_its_names() {
+        let old = "<sensor type='thinlens'><float name='fov' value='50'/><string name='fovAxis' value='y'/><float name='apertureRadius' value='0.1'/>\
+            <float name='focusDistance' value='4'/><transform name='toWorld'><lookAt origin='0,0,5' target='0,0,0' up='0,1,0'/></transform></sensor>\
+            <bsdf type='dielectric' id='g'><string name='intIOR' value='water'/><float name='extIOR' value='1'/></bsdf>\
+            <bsdf type='diffuse' id='d'><texture name='reflectance' type='checkerboard'><float name='uscale' value='4'/><float name='voffset' value='0.5'/></texture></bsdf>\
+            <shape type='sphere'><transform name='toWorld'><translate x='3'/></transform><ref id='g'/>\
+            <medium type='homogeneous' name='interior'><float name='sigmaT' value='2'/><float name='albedo' value='0.25'/></medium></shape>\
+            <shape type='rectangle'><boolean name='flipNormals' value='true'/><ref id='d'/></shape>\
+            <emitter type='spot'><float name='cutoffAngle' value='30'/><float name='beamWidth' value='10'/></emitter>";
+        let new = [
+            ("fovAxis", "fov_axis"),
+            ("apertureRadius", "aperture_radius"),
+            ("focusDistance", "focus_distance"),
+            ("toWorld", "to_world"),
+            ("lookAt", "lookat"),
+            ("intIOR", "int_ior"),
+            ("extIOR", "ext_ior"),
+            (
+                "<float name='sigmaT' value='2'/><float name='albedo' value='0.25'/>",
+                "<float name='sigma_t' value='2'/><float name='albedo' value='0.25'/>",
+            ),
+            (
+                "<float name='uscale' value='4'/><float name='voffset' value='0.5'/>",
+                "<transform name='to_uv'><scale x='4'/><translate y='0.5'/></transform>",
+            ),
+            ("flipNormals", "flip_normals"),
+            ("cutoffAngle", "cutoff_angle"),
+            ("beamWidth", "beam_width"),
+        ];
+        let renamed = new.iter().fold(old.to_owned(), |text, (from, to)| text.replace(from, to));
+        let (a, b) = (read(old).unwrap(), read(&renamed).unwrap());
+        assert_eq!(format!("{a:?}"), format!("{b:?}"));
+        assert!(a.warnings.is_empty(), "{:?}", a.warnings);
+        // It does say something: the camera stands where the file puts it.
+        assert_eq!(a.cameras[0].world_from_camera.translation, glam::Vec3A::new(0.0, 0.0, 5.0));
+        // Scattering and absorption by themselves are extinction and albedo.
+        let apart =
+            old.replace("'sigmaT' value='2'", "'sigmaA' value='1.5'").replace("'albedo' value='0.25'", "'sigmaS' value='0.5'");
+        assert_eq!(format!("{:?}", read(&apart).unwrap()), format!("{a:?}"));
+    }
+
+    #[test]
+    fn scales_of_specular_light_are_read() {
+        let scattering = |bsdf: &str| {
+            let d = read(&format!("<shape type='sphere'>{bsdf}</shape>")).unwrap();
+            assert!(d.warnings.is_empty(), "{:?}", d.warnings);
+            (d.materials[0].scattering.clone(), matches!(d.materials[0].interior, Interior::Body { .. }))
+        };
+        let rgb = |color: &crate::texture::Color| color.constant_rgb().unwrap();
+        let scaled = |bsdf: &str| {
+            let Scattering::Principled(p) = scattering(bsdf).0 else { panic!("{bsdf}") };
+            p
+        };
+        // A dielectric that nothing goes through is its reflection over black, and no body.
+        let marble = "<bsdf type='dielectric'><rgb name='specular_transmittance' value='0, 0, 0'/></bsdf>";
+        let (p, is_body) = (scaled(marble), scattering(marble).1);
+        assert!(!is_body && rgb(&p.base_color) == Vec3::ZERO && matches!(p.transmission, crate::texture::Scalar::Constant(0.0)));
+        let tinted = "<bsdf type='dielectric'><rgb name='specular_transmittance' value='1, 0.5, 0.2'/></bsdf>";
+        assert!(scattering(tinted).1 && rgb(&scaled(tinted).base_color) == Vec3::new(1.0, 0.5, 0.2));
+        // What a scale of 1 leaves as it is stays exact.
+        let white = "<bsdf type='roughconductor'><string name='distribution' value='ggx'/><rgb name='specular_reflectance' value='1, 1, 1'/></bsdf>";
+        let Scattering::Conductor(copper) = scattering(white).0 else { panic!("a metal") };
+        let half = scaled(&white.replace("1, 1, 1", "0.5, 0.5, 0.5"));
+        assert!(rgb(&half.base_color).abs_diff_eq(0.5 * copper.normal_reflectance(), 1e-6));
+        let plastic = scaled("<bsdf type='plastic'><rgb name='specular_reflectance' value='0.4, 0.2, 0.4'/></bsdf>");
+        assert!(plastic.tinted && matches!(plastic.specular, crate::texture::Scalar::Constant(0.4)));
+        assert_eq!(rgb(&plastic.specular_color), Vec3::new(1.0, 0.5, 1.0));
+        let clear =
+            read("<shape type='sphere'><bsdf type='dielectric'><float name='specular_reflectance' value='0.5'/></bsdf></shape>");
+        assert!(clear.unwrap().warnings.join(";").contains("\"specular_reflectance\" of dielectric"));
+    }
+
+    #[test]
+    fn values_that_nothing_reads_are_named() {
+        let shape = "<bsdf type='diffuse' id='never used'><float name='x' value='1'/></bsdf><shape type='sphere'><float name='radius' value='2'/>\
+            <float name='raduis' value='3'/><bsdf type='diffuse'><rgb name='reflectence' value='1, 0, 0'/></bsdf></shape>\
+            <emitter type='sunsky'><float name='turbidity' value='3'/></emitter><sensor type='perspective'><float name='near_clip' value='1'/></sensor>";
+        let warnings = read(shape).unwrap().warnings.join("; ");
+        assert!(
+            warnings.contains("\"raduis\" of shape \"sphere\"") && warnings.contains("\"reflectence\" of bsdf \"diffuse\""),
+            "{warnings}"
+        );
+        assert!(["\"radius\"", "\"x\"", "turbidity", "near_clip"].iter().all(|w| !warnings.contains(w)), "{warnings}");
+    }
+
+    #[test]
     fn curves_and_hair_are_read() {
         let text = |kind: &str| {
             format!(

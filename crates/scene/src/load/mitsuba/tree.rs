@@ -4,6 +4,7 @@ use crate::SceneError;
 use crate::load::Fetch;
 use std::collections::HashMap;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 /// Deepest that elements lie in elements, and files in files.
 const DEEPEST: usize = 64;
@@ -18,7 +19,28 @@ pub struct Node {
     pub children: Vec<Arc<Node>>,
     pub line: u32,
     pub file: Arc<str>,
+    /// Whether anybody asked for it by its name, or for its plugin.
+    is_read: AtomicBool,
 }
+
+/// Elements that are a value of the one they lie in.
+const VALUES: [&str; 13] = [
+    "float",
+    "integer",
+    "boolean",
+    "string",
+    "point",
+    "vector",
+    "rgb",
+    "srgb",
+    "spectrum",
+    "blackbody",
+    "transform",
+    "matrix",
+    "texture",
+];
+/// Values that no picture of a real camera depends on: where rays are cut off, and how samples and texels are chosen.
+const WITHOUT_EFFECT: [&str; 4] = ["near_clip", "far_clip", "sampling_weight", "max_anisotropy"];
 
 impl Node {
     /// An attribute.
@@ -28,12 +50,34 @@ impl Node {
 
     /// Its plugin, such as "diffuse".
     pub fn kind(&self) -> &str {
+        self.set_read();
         self.get("type").unwrap_or_default()
     }
 
     /// The child of a name.
     pub fn child(&self, name: &str) -> Option<&Arc<Node>> {
-        self.children.iter().find(|c| c.get("name") == Some(name))
+        self.children.iter().find(|c| c.get("name") == Some(name)).inspect(|c| c.set_read())
+    }
+
+    /// Notes that it was asked for.
+    pub fn set_read(&self) {
+        self.is_read.store(true, Relaxed);
+    }
+
+    /// Leaves out what lies in it, too: nobody is told of its values one by one.
+    pub fn leave_out(&self) {
+        self.children.iter().for_each(|c| c.set_read());
+    }
+
+    /// Values of it and of what lies in it that nobody asked for, of plugins that somebody asked for: a name and whose it is.
+    pub fn unread(&self, found: &mut Vec<String>) {
+        if self.is_read.load(Relaxed) && self.get("type").is_some() {
+            let unread = |c: &&Arc<Node>| !c.is_read.load(Relaxed) && VALUES.contains(&c.tag.as_str());
+            let names = self.children.iter().filter(unread).filter_map(|c| c.get("name"));
+            let names = names.filter(|name| !WITHOUT_EFFECT.contains(name));
+            found.extend(names.map(|name| format!("\"{name}\" of {} \"{}\"", self.tag, self.get("type").unwrap_or_default())));
+        }
+        self.children.iter().for_each(|c| c.unread(found));
     }
 
     /// Children with a tag.
@@ -156,10 +200,12 @@ impl Reader<'_> {
         }
         let mut attributes = Vec::new();
         for a in of.attributes() {
-            attributes.push((a.name().to_owned(), self.substituted(a.value(), &file.name, line)?));
+            let value = self.substituted(a.value(), &file.name, line)?;
+            attributes.push((a.name().to_owned(), if a.name() == "name" { snake_case(&value) } else { value }));
         }
         let children = self.children(of, file, depth + 1)?;
-        Ok(Arc::new(Node { tag: of.tag_name().name().to_owned(), attributes, children, line, file: file.name.clone() }))
+        let (tag, file, is_read) = (of.tag_name().name().to_owned(), file.name.clone(), AtomicBool::new(false));
+        Ok(Arc::new(Node { tag, attributes, children, line, file, is_read }))
     }
 
     /// A text with the values of defaults in the places of $names, the longest that fits.
@@ -179,9 +225,32 @@ impl Reader<'_> {
     }
 }
 
+/// A name as Mitsuba 3 writes it: `to_world` of `toWorld`, `int_ior` of `intIOR`, which are the names of Mitsuba 0.x.
+fn snake_case(name: &str) -> String {
+    let mut out = String::with_capacity(name.len() + 2);
+    let (mut was_lower, mut in_word) = (false, false);
+    for c in name.chars() {
+        in_word = c.is_ascii_uppercase() && (was_lower || in_word);
+        if in_word && was_lower {
+            out.push('_');
+        }
+        out.push(if in_word { c.to_ascii_lowercase() } else { c });
+        was_lower = c.is_ascii_lowercase();
+    }
+    out
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_of_old_files_become_those_of_new_ones() {
+        let names = [("toWorld", "to_world"), ("intIOR", "int_ior"), ("alphaU", "alpha_u"), ("flipTexCoords", "flip_tex_coords")];
+        for (old, new) in names.into_iter().chain([("to_world", "to_world"), ("sigma_t", "sigma_t"), ("K", "K"), ("", "")]) {
+            assert_eq!(snake_case(old), new);
+        }
+    }
 
     #[test]
     fn defaults_and_includes_are_put_in() {

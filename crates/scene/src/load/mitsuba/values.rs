@@ -192,7 +192,7 @@ pub fn transform(node: &Node, name: &str) -> Read<DMat4> {
                 let axis = three(0.0)?.try_normalize().ok_or_else(|| wrong(part, "an axis of no length", "x, y or z"))?;
                 DMat4::from_axis_angle(axis, number_of(part, "angle", 0.0)?.to_radians())
             }
-            "lookat" | "look_at" => {
+            "lookat" | "lookAt" | "look_at" => {
                 let point = |name: &str, default: DVec3| -> Read<DVec3> {
                     match part.get(name).map(|t| numbers_of(part, t)).transpose()?.as_deref() {
                         Some([x, y, z]) => Ok(DVec3::new(*x, *y, *z)),

@@ -69,6 +69,9 @@ impl<'a> World<'a> {
                 _ => (),
             }
         }
+        let mut unread = Vec::new();
+        root.unread(&mut unread);
+        unread.into_iter().for_each(|what| self.context.skip_unsupported(what));
         if !self.context.left_out.is_empty() {
             let list: Vec<String> = self.context.left_out.iter().map(|(what, n)| format!("{what} ({n})")).collect();
             self.context.description.warnings.push(format!("{}: left out: {}", self.context.name, list.join(", ")));
