@@ -61,6 +61,8 @@ struct Built {
     light_motions: Vec<LightMotion>,
     /// Whether light may go straight through a face: of media, of thin dielectrics.
     has_straight_transmission: bool,
+    /// Whether surfaces let rays through by chance.
+    has_blends: bool,
     /// Whether a body may bend wavelengths differently.
     may_disperse: bool,
 }
@@ -267,5 +269,10 @@ impl Scene {
     /// Whether some of its surfaces are the faces of media and nothing else.
     pub(crate) fn has_straight_transmission(&self) -> bool {
         self.built.has_straight_transmission
+    }
+
+    /// Whether surfaces of some bodies let rays through by chance.
+    pub(crate) fn has_blends(&self) -> bool {
+        self.built.has_blends
     }
 }

@@ -9,7 +9,7 @@
 //!
 //! Light of lamps and of the sky is lent by the density of the donor: all that broad lobes (`BROAD_ALPHA`) send on, and what narrow ones send on from lamps without extent; the rest serves its own path alone. Light that further
 //! surfaces send to a donor that is not diffuse is lent by all lobes, by the joint density of the donor and of the direction in which its path went on: towards one receiver a narrow lobe may well send what was drawn for another. Alone are also
-//! directions through a surface, and donors behind panes and faces of media: a shadow ray that meets any of them is blocked, as the path that found a donor met none.
+//! directions through a surface, and donors behind panes, faces of media and surfaces that let rays through by chance: a shadow ray that meets any of them is blocked, as the path that found a donor met none.
 //! Why so, with figures: `docs/decisions/path-reuse.md`.
 
 use super::CameraPath;
@@ -126,11 +126,15 @@ impl Found {
 }
 
 impl Scene {
-    /// Whether paths of several pixels may lend one another light ([`Scene::trace_group`]): nothing moves or flickers, there is no fog around, and whether one place sees another is certain.
+    /// Whether paths of several pixels may lend one another light ([`Scene::trace_group`]): nothing moves or flickers, there is no fog around, and there are no splats or soft strands, which rays go through by chance.
     pub fn lets_paths_be_reused(&self) -> bool {
         let is_certain = |object: &Object| {
             let material = self.material_at(object.material);
-            !matches!(object.shape, Shape::Splats { .. }) && !matches!(material.coverage, Coverage::Blend(_))
+            match object.shape {
+                Shape::Splats { .. } => false,
+                Shape::Curves { .. } => !matches!(material.coverage, Coverage::Blend(_)),
+                _ => true,
+            }
         };
         self.air().is_none() && !self.moves() && !self.flickers() && self.description().objects.iter().all(is_certain)
     }
@@ -199,9 +203,15 @@ impl<'a> Transport<'a> {
         }
         let mut hit = self.find_hit(&path);
         let (mut donor, mut suspended) = (None, None);
+        let (start, blends) = (receiver.origin, self.scene.has_blends());
         let next = self.arrive(&mut path, hit.as_mut(), |path, here| {
-            let lends =
-                here.bsdf.only_reflects() && !here.bsdf.is_specular() && !here.surface.is_strand() && !here.material.is_mixed();
+            let end = offset_origin(here.surface.point, here.bsdf.side_normal());
+            // The path itself may have gone through a blended surface.
+            let lends = here.bsdf.only_reflects()
+                && !here.bsdf.is_specular()
+                && !here.surface.is_strand()
+                && !here.material.is_mixed()
+                && !(blends && self.is_hidden(start, end, time_s));
             match lends {
                 true => self.scatter_apart(path, &here, number, &mut donor, &mut suspended),
                 false => self.scatter_light(path, &here.vertex()),
@@ -320,7 +330,7 @@ impl<'a> Transport<'a> {
                     continue;
                 }
                 let is_own = receiver.path == donor.path;
-                if !is_own && self.is_hidden(receiver, donor) {
+                if !is_own && self.is_hidden(receiver.origin, donor.end, receiver.time_s) {
                     continue;
                 }
                 let geometry = facing / squared;
@@ -344,13 +354,13 @@ impl<'a> Transport<'a> {
         }
     }
 
-    /// Whether something stands between a receiver and a donor.
+    /// Whether something stands, or may stand, between a receiver and a donor, by the ends of their shadow ray.
     #[inline(always)]
-    fn is_hidden(&self, receiver: &Receiver, donor: &Donor) -> bool {
-        let to_end = donor.end - receiver.origin;
+    fn is_hidden(&self, start: Vec3, end: Vec3, time_s: f32) -> bool {
+        let to_end = end - start;
         let distance = to_end.length();
-        let ray = Ray { origin: receiver.origin, direction: to_end / distance, time_s: receiver.time_s };
-        self.scene.occluded(&ray, distance)
+        let ray = Ray { origin: start, direction: to_end / distance, time_s };
+        self.scene.may_be_occluded(&ray, distance)
     }
 
     /// Radiance from a donor towards `wo` that is lent by the density of the donor; what is lent by the joint density, and the density of the further direction.

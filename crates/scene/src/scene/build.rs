@@ -119,6 +119,8 @@ impl Scene {
         let by_material: Vec<Option<Filtering>> = d.materials.iter().map(Material::filter_pictures).collect();
         let filtering = d.objects.iter().map(|o| by_material[o.material as usize]).collect();
         let has_straight_transmission = d.objects.iter().any(|o| d.materials[o.material as usize].may_transmit_straight());
+        let has_blends =
+            d.objects.iter().any(|o| matches!(d.materials[o.material as usize].coverage, crate::material::Coverage::Blend(_)));
         let may_disperse = d.objects.iter().any(|o| d.materials[o.material as usize].may_disperse());
         let built = Built {
             top,
@@ -131,6 +133,7 @@ impl Scene {
             light_of,
             light_motions,
             has_straight_transmission,
+            has_blends,
             may_disperse,
         };
         let mut scene = Scene {

@@ -12,7 +12,7 @@ impl Scene {
     /// Nearest surface along a ray, nearer than `t_max` (m), at the ray's own time of the exposure; `None` where it meets nothing.
     #[inline]
     pub fn intersect(&self, ray: &Ray, t_max: f32) -> Option<Surface> {
-        let filter = TopFilter { scene: self, ray };
+        let filter = TopFilter { scene: self, ray, blends_block: false };
         let mut hit = self.built.top.closest(ray.origin, ray.direction, t_max, &filter);
         if !self.posed.animated.is_empty() {
             let fraction = self.posed.animated.fraction(ray.time_s);
@@ -26,7 +26,7 @@ impl Scene {
     /// Whether any surface is met before `t_max` (m), glass included.
     #[inline]
     pub fn occluded(&self, ray: &Ray, t_max: f32) -> bool {
-        if self.built.top.any(ray.origin, ray.direction, t_max, &TopFilter { scene: self, ray }) {
+        if self.built.top.any(ray.origin, ray.direction, t_max, &TopFilter { scene: self, ray, blends_block: false }) {
             return true;
         }
         if self.posed.animated.is_empty() {
@@ -34,6 +34,13 @@ impl Scene {
         }
         let fraction = self.posed.animated.fraction(ray.time_s);
         self.posed.animated.any(fraction, ray.origin, ray.direction, t_max, &AnimatedFilter { scene: self, ray, fraction })
+    }
+
+    /// Whether any surface may be met before `t_max` (m): blended ones ([`Coverage::Blend`]) that stand still count wherever they are not entirely clear.
+    #[inline]
+    pub(crate) fn may_be_occluded(&self, ray: &Ray, t_max: f32) -> bool {
+        self.built.top.any(ray.origin, ray.direction, t_max, &TopFilter { scene: self, ray, blends_block: true })
+            || !self.posed.animated.is_empty() && self.occluded(ray, t_max)
     }
 
     /// Object and triangle of a triangle number of the top hierarchy.
@@ -183,15 +190,18 @@ impl Scene {
     }
 
     /// Whether a hit on a surface with holes counts. The random number is a hash of ray and place: the same ray always gets
-    /// the same answer, and no sampler dimension is spent.
-    pub(super) fn covers(&self, ray: &Ray, object: u32, triangle: u32, u: f32, v: f32) -> bool {
+    /// the same answer, and no sampler dimension is spent. `blends_block`: whether blended surfaces count wherever they are not entirely clear.
+    pub(super) fn covers(&self, ray: &Ray, object: u32, triangle: u32, [u, v]: [f32; 2], blends_block: bool) -> bool {
         let Shape::Mesh { mesh, .. } = self.description.objects[object as usize].shape else { return true };
         let mesh = &self.description.meshes[mesh as usize];
         let weights = [1.0 - u - v, u, v];
         let uv = [0, 1].map(|s| mesh.mix(&mesh.uvs[s], triangle as usize, weights).unwrap_or(Vec2::ZERO));
         let alpha = mesh.mix(&mesh.colors, triangle as usize, weights).map_or(1.0, |c| c.w);
         let bits = |v: Vec3| v.x.to_bits() ^ mix(v.y.to_bits() ^ mix(v.z.to_bits()));
-        let draw = to_unit(mix(bits(ray.origin) ^ mix(bits(ray.direction) ^ mix(triangle ^ object << 20))));
+        let draw = match blends_block {
+            true => 0.0,
+            false => to_unit(mix(bits(ray.origin) ^ mix(bits(ray.direction) ^ mix(triangle ^ object << 20)))),
+        };
         self.material(object).coverage.accepts(&uv, alpha, draw)
     }
 
@@ -322,12 +332,14 @@ fn derivatives(mesh: &Mesh, triangle: usize, set: usize, corners: [Vec3; 3]) -> 
 struct TopFilter<'a> {
     scene: &'a Scene,
     ray: &'a Ray,
+    /// Whether blended surfaces count wherever they are not entirely clear.
+    blends_block: bool,
 }
 
 impl Filter for TopFilter<'_> {
     fn accept(&self, id: u32, u: f32, v: f32) -> bool {
         let (object, triangle) = self.scene.flat_object(id);
-        self.scene.covers(self.ray, object, triangle, u, v)
+        self.scene.covers(self.ray, object, triangle, [u, v], self.blends_block)
     }
 
     fn intersect_other(&self, id: u32, t_max: f32, any: bool) -> Option<Hit> {
@@ -338,7 +350,7 @@ impl Filter for TopFilter<'_> {
             Shape::Mesh { mesh, .. } => {
                 let bvh = self.scene.built.shared[mesh as usize].as_ref()?;
                 let place = &self.scene.built.placements[id as usize].object_from_world;
-                let filter = InstanceFilter { scene: self.scene, ray: self.ray, object: id };
+                let filter = InstanceFilter { scene: self.scene, ray: self.ray, object: id, blends_block: self.blends_block };
                 found_within(bvh, id, in_object(self.ray, place), t_max, any, &filter)
             }
             Shape::Curves { .. } => {
@@ -379,7 +391,7 @@ impl Filter for AnimatedFilter<'_> {
                 _ => self.scene.intersect_curves(self.ray, object, &place.inverse(), t_max, any),
             };
         }
-        let filter = InstanceFilter { scene: self.scene, ray: self.ray, object };
+        let filter = InstanceFilter { scene: self.scene, ray: self.ray, object, blends_block: false };
         animated.enter(id, &self.scene.built.shared, self.fraction, (self.ray.origin, self.ray.direction), t_max, any, &filter)
     }
 }
@@ -388,11 +400,12 @@ struct InstanceFilter<'a> {
     scene: &'a Scene,
     ray: &'a Ray,
     object: u32,
+    blends_block: bool,
 }
 
 impl Filter for InstanceFilter<'_> {
     fn accept(&self, id: u32, u: f32, v: f32) -> bool {
-        self.scene.covers(self.ray, self.object, id, u, v)
+        self.scene.covers(self.ray, self.object, id, [u, v], self.blends_block)
     }
     fn intersect_other(&self, _: u32, _: f32, _: bool) -> Option<Hit> {
         None
