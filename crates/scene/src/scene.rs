@@ -5,6 +5,7 @@ mod captured;
 mod check;
 pub(crate) mod description;
 mod hits;
+pub(crate) use hits::Sight;
 mod lights;
 mod strands;
 
@@ -59,7 +60,8 @@ struct Built {
     light_of: Vec<u32>,
     /// How each area light moves; empty when none does.
     light_motions: Vec<LightMotion>,
-    /// Whether light may go straight through a face: of media, of thin dielectrics.
+    /// Whether light may go straight through a face, by object: of media, of thin dielectrics; whether it may of any.
+    straight: Vec<bool>,
     has_straight_transmission: bool,
     /// Whether surfaces let rays through by chance.
     has_blends: bool,

@@ -67,7 +67,7 @@ impl Scene {
             .map(|(i, (mesh, uses))| {
                 let filtered = d.objects.iter().any(|o| {
                     matches!(o.shape, Shape::Mesh { mesh, .. } if mesh as usize == i)
-                        && !matches!(d.materials[o.material as usize].coverage, Coverage::Full)
+                        && lets_some_through(&d.materials[o.material as usize])
                 });
                 (*uses > 1).then(|| Bvh::build(&MeshPrimitives { mesh, filtered }))
             })
@@ -118,7 +118,8 @@ impl Scene {
         (all.area, all.punctual, all.environment) = (lights, d.punctual.clone(), d.environment.clone());
         let by_material: Vec<Option<Filtering>> = d.materials.iter().map(Material::filter_pictures).collect();
         let filtering = d.objects.iter().map(|o| by_material[o.material as usize]).collect();
-        let has_straight_transmission = d.objects.iter().any(|o| d.materials[o.material as usize].may_transmit_straight());
+        let straight: Vec<bool> = d.objects.iter().map(|o| d.materials[o.material as usize].may_transmit_straight()).collect();
+        let has_straight_transmission = straight.contains(&true);
         let has_blends =
             d.objects.iter().any(|o| matches!(d.materials[o.material as usize].coverage, crate::material::Coverage::Blend(_)));
         let may_disperse = d.objects.iter().any(|o| d.materials[o.material as usize].may_disperse());
@@ -132,6 +133,7 @@ impl Scene {
             filtering,
             light_of,
             light_motions,
+            straight,
             has_straight_transmission,
             has_blends,
             may_disperse,
@@ -148,6 +150,11 @@ impl Scene {
         scene.arrange(0.0, 0.0);
         Ok(scene)
     }
+}
+
+/// Whether triangles of a material are asked about when they are hit: holes, and what shadow rays may go through.
+fn lets_some_through(material: &Material) -> bool {
+    !matches!(material.coverage, Coverage::Full) || material.may_transmit_straight()
 }
 
 struct MeshPrimitives<'a> {
@@ -184,7 +191,7 @@ impl Primitives for TopPrimitives<'_> {
         let object = &self.description.objects[object as usize];
         let Shape::Mesh { mesh, world_from_mesh } = object.shape else { unreachable!("flat objects are meshes") };
         let corners = self.description.meshes[mesh as usize].corners(index - first as usize);
-        let filtered = !matches!(self.description.materials[object.material as usize].coverage, Coverage::Full);
+        let filtered = lets_some_through(&self.description.materials[object.material as usize]);
         Primitive::Triangle { corners: corners.map(|c| world_from_mesh.transform_point3(c)), id: index as u32, filtered }
     }
 }

@@ -7,6 +7,7 @@ use crate::shape::{Detail, Mesh, Surface};
 use diopter_light::Ray;
 use diopter_light::random::{mix, to_unit};
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A, Vec4};
+use std::cell::Cell;
 
 impl Scene {
     /// Nearest surface along a ray, nearer than `t_max` (m), at the ray's own time of the exposure; `None` where it meets nothing.
@@ -41,6 +42,21 @@ impl Scene {
     pub(crate) fn may_be_occluded(&self, ray: &Ray, t_max: f32) -> bool {
         self.built.top.any(ray.origin, ray.direction, t_max, &TopFilter { scene: self, ray, blends_block: true })
             || !self.posed.animated.is_empty() && self.occluded(ray, t_max)
+    }
+
+    /// What a shadow ray meets before `t_max` (m), as far as one look tells.
+    #[inline]
+    pub(crate) fn sight(&self, ray: &Ray, t_max: f32) -> Sight {
+        if !self.posed.animated.is_empty() {
+            return Sight::Unknown;
+        }
+        let passes = Cell::new(false);
+        let is_blocked = self.built.top.any(ray.origin, ray.direction, t_max, &SightFilter { scene: self, ray, passes: &passes });
+        match (is_blocked, passes.get()) {
+            (true, _) => Sight::Blocked,
+            (false, true) => Sight::Unknown,
+            (false, false) => Sight::Clear,
+        }
     }
 
     /// Object and triangle of a triangle number of the top hierarchy.
@@ -192,6 +208,9 @@ impl Scene {
     /// Whether a hit on a surface with holes counts. The random number is a hash of ray and place: the same ray always gets
     /// the same answer, and no sampler dimension is spent. `blends_block`: whether blended surfaces count wherever they are not entirely clear.
     pub(super) fn covers(&self, ray: &Ray, object: u32, triangle: u32, [u, v]: [f32; 2], blends_block: bool) -> bool {
+        if matches!(self.material(object).coverage, Coverage::Full) {
+            return true;
+        }
         let Shape::Mesh { mesh, .. } = self.description.objects[object as usize].shape else { return true };
         let mesh = &self.description.meshes[mesh as usize];
         let weights = [1.0 - u - v, u, v];
@@ -362,6 +381,46 @@ impl Filter for TopFilter<'_> {
                 self.scene.intersect_splats(self.ray, id, place, t_max, any)
             }
         }
+    }
+}
+
+/// What is known of what a shadow ray meets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Sight {
+    /// Something that light does not go straight through.
+    Blocked,
+    /// Nothing.
+    Clear,
+    /// Only what light may go straight through, or what moves: how much gets through is to be found out face by face.
+    Unknown,
+}
+
+/// Blocks by what light does not go straight through, and notes whether there was anything else.
+struct SightFilter<'a> {
+    scene: &'a Scene,
+    ray: &'a Ray,
+    passes: &'a Cell<bool>,
+}
+
+impl SightFilter<'_> {
+    /// Whether an object blocks where it is hit; what does not is noted.
+    fn blocks(&self, object: u32) -> bool {
+        let is_straight = self.scene.built.straight[object as usize];
+        self.passes.set(self.passes.get() | is_straight);
+        !is_straight
+    }
+}
+
+impl Filter for SightFilter<'_> {
+    fn accept(&self, id: u32, u: f32, v: f32) -> bool {
+        let (object, triangle) = self.scene.flat_object(id);
+        self.scene.covers(self.ray, object, triangle, [u, v], false) && self.blocks(object)
+    }
+
+    fn intersect_other(&self, id: u32, t_max: f32, _: bool) -> Option<Hit> {
+        let top = TopFilter { scene: self.scene, ray: self.ray, blends_block: false };
+        // Of a body that light goes straight through any hit will do to note it.
+        top.intersect_other(id, t_max, true).filter(|_| self.blocks(id))
     }
 }
 
