@@ -80,7 +80,7 @@ exact_enum!(PunctualKind {
     Directional { direction },
     Disc { direction, half_angle },
 });
-exact_enum!(SpotEdge { Squared, Smooth });
+exact_enum!(SpotEdge { Squared, Smooth, LinearInAngle });
 exact_struct!(Pattern { picture, light_from_world, spread });
 exact_enum!(Spread { Sphere, Frame(tangents), Web(web) });
 

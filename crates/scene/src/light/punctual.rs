@@ -107,6 +107,8 @@ pub enum SpotEdge {
     Squared,
     /// Smoothly on both sides, 3t² − 2t³ of the cosine (pbrt).
     Smooth,
+    /// Linearly in the angle (Mitsuba).
+    LinearInAngle,
 }
 
 /// Geometry of a punctual light.
@@ -182,6 +184,10 @@ impl PunctualKind {
         match edge {
             SpotEdge::Squared => ramp * ramp,
             SpotEdge::Smooth => ramp * ramp * (3.0 - 2.0 * ramp),
+            SpotEdge::LinearInAngle => {
+                let (outer, inner) = (cos_outer.acos(), cos_inner.acos());
+                ((outer - cos.min(1.0).acos()) / (outer - inner).max(1e-4)).clamp(0.0, 1.0)
+            }
         }
     }
 

@@ -66,7 +66,7 @@ pub fn add(context: &mut Context, node: &Arc<Node>) -> Read<()> {
                 direction: unit(place.transform_vector3(DVec3::Z))?,
                 cos_inner: beam.to_radians().cos() as f32,
                 cos_outer: cutoff.to_radians().cos() as f32,
-                edge: SpotEdge::Smooth,
+                edge: SpotEdge::LinearInAngle,
             };
             context.description.punctual.push(Punctual::new(&name, light("intensity")?, kind));
         }

@@ -221,6 +221,18 @@ mod tests {
     }
 
     #[test]
+    fn spots_fade_linearly_in_the_angle() {
+        let spot = "<shape type='sphere'/><emitter type='spot'><float name='cutoff_angle' value='20'/><float name='beam_width' value='10'/></emitter>";
+        let lamp = &read(spot).unwrap().punctual[0];
+        let nm = diopter_light::SampledWavelengths::rgb();
+        for (degrees, expected) in [(0.0, 1.0), (9.9, 1.0), (12.5, 0.75), (15.0, 0.5), (17.5, 0.25), (20.1, 0.0)] {
+            let (sin, cos) = f32::sin_cos(f32::to_radians(degrees));
+            let found = lamp.relative_intensity(None, Vec3::new(sin, 0.0, cos), &nm).x;
+            assert!((found - expected).abs() < 1e-3, "{degrees}: {found}");
+        }
+    }
+
+    #[test]
     fn values_that_nothing_reads_are_named() {
         let shape = "<bsdf type='diffuse' id='never used'><float name='x' value='1'/></bsdf><shape type='sphere'><float name='radius' value='2'/>\
             <float name='raduis' value='3'/><bsdf type='diffuse'><rgb name='reflectence' value='1, 0, 0'/></bsdf></shape>\
