@@ -1,7 +1,7 @@
 //! Meshes without a scene around them: OBJ with its materials, PLY, STL. They bring no light: the shot adds a
 //! studio, a sky or a map.
 
-use super::{DisplacedSurface, Fetch, displaced, finished, note_missing, ply, read_texture, splats, stand_in, unzipped};
+use super::{DisplacedSurface, Fetch, displaced, finished, lossy, note_missing, ply, read_texture, splats, stand_in, unzipped};
 use crate::SceneError;
 use crate::material::{Bump, BumpUnit, Conductor, Coverage, Emission, Material, Principled, Scattering};
 use crate::scene::{Description, MissingTexture, Object, Shape};
@@ -107,6 +107,7 @@ pub fn stl(bytes: &[u8], name: &str) -> Result<Description, SceneError> {
 /// Reads an OBJ file with the materials that it names. Fails with the line that cannot be read, and where there are no faces; materials and pictures that are missing are
 /// warnings.
 pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
+    let bytes = &lossy(bytes)[..];
     let options = tobj::LoadOptions { triangulate: true, single_index: true, ignore_points: true, ignore_lines: true };
     let told =
         |(line, text, expected): (usize, String, &str)| error(format!("{name}: line {line}"), format!("\"{text}\""), expected);
@@ -510,6 +511,17 @@ mod tests {
 
     fn obj_of(text: &str, fetch: Fetch) -> Description {
         obj(text.as_bytes(), "t.obj", fetch).unwrap()
+    }
+
+    #[test]
+    fn comments_and_names_in_other_encodings_are_no_error() {
+        let bytes = b"# \xca\xa8\xd7\xd3\no \xca\xa8\nmtllib \xca\xa8.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+        let d = obj(bytes, "lion.obj", &|_| Err("there is no such file".into())).unwrap();
+        assert_eq!((d.meshes[0].triangles.len(), d.warnings.len()), (1, 1), "{:?}", d.warnings);
+        // Lines are still told by their numbers.
+        let bad = [&bytes[..], b"v 1 x 2\n"].concat();
+        let e = obj(&bad, "lion.obj", &|_| Err("no".into())).unwrap_err().to_string();
+        assert!(e.contains("line 8"), "{e}");
     }
 
     #[test]

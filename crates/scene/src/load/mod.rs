@@ -29,6 +29,7 @@ use crate::scene::{Description, MissingTexture};
 use crate::texture::{Color, Image};
 use glam::Vec3;
 use picture::{read_light_picture, read_texture};
+use std::borrow::Cow;
 use std::io::Read;
 use std::sync::Arc;
 
@@ -59,6 +60,14 @@ fn unzipped(bytes: Vec<u8>) -> Result<Vec<u8>, String> {
     let mut limited = flate2::read::MultiGzDecoder::new(&bytes[..]).take(LARGEST_FILE);
     limited.read_to_end(&mut out).map_err(|e| format!("gzip: {e}"))?;
     Ok(out)
+}
+
+/// A text with a stand-in for all that is no UTF-8: comments and names of meshes in other encodings; their numbers are ASCII.
+fn lossy(bytes: &[u8]) -> Cow<'_, [u8]> {
+    match String::from_utf8_lossy(bytes) {
+        Cow::Borrowed(_) => Cow::Borrowed(bytes),
+        Cow::Owned(text) => Cow::Owned(text.into_bytes()),
+    }
 }
 
 /// [`STAND_IN`] as a picture.

@@ -350,6 +350,10 @@ impl Context<'_> {
             across: None,
             bounces: FacetBounces::Lost,
         };
+        // Of what is around: air, as a rule.
+        if (index(node, "ext_eta", 1.0)? - 1.0).abs() > 1e-3 {
+            self.skip_unsupported("\"ext_eta\" of metals");
+        }
         if let (Some(eta), Some(k)) = (values::shade(node, "eta")?, values::shade(node, "k")?) {
             return Ok(of(eta.unbounded(), k.unbounded()));
         }

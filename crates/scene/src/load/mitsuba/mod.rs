@@ -1,4 +1,4 @@
-//! Mitsuba 3's scenes (`.xml`) into a [`Description`], in the subset that its gallery uses.
+//! Mitsuba's scenes (`.xml`, of versions 3 and 0.x) into a [`Description`], in the subset that its gallery uses.
 //!
 //! `tree` reads the files with `default`, `include` and `$name`; `values` numbers, colours and transforms; `shapes`, `materials`, `media`, `lights` and
 //! `camera` make of objects what they are, by a `context` of files, references and what is left out; `world` puts them together. Plugins that are not known are an error where a picture would be wrong, and

@@ -5,7 +5,7 @@ use super::values::{number, vector};
 use super::wrong;
 use crate::SceneError;
 use crate::load::pbrt::shapes::grid;
-use crate::load::{ply, unzipped};
+use crate::load::{lossy, ply, unzipped};
 use crate::shape::Mesh;
 use glam::{DMat4, DVec3, Vec2, Vec3};
 use std::f32::consts::TAU;
@@ -92,7 +92,7 @@ pub fn read(kind: &str, bytes: Vec<u8>, part: usize) -> Result<Mesh, String> {
 fn obj(bytes: &[u8]) -> Result<Mesh, String> {
     let options = tobj::LoadOptions { triangulate: true, single_index: true, ignore_points: true, ignore_lines: true };
     let (models, _) =
-        tobj::load_obj_buf(&mut Cursor::new(bytes), &options, |_| Ok(Default::default())).map_err(|e| e.to_string())?;
+        tobj::load_obj_buf(&mut Cursor::new(lossy(bytes)), &options, |_| Ok(Default::default())).map_err(|e| e.to_string())?;
     let mut mesh = Mesh::default();
     let all_have = |f: &dyn Fn(&tobj::Mesh) -> bool| models.iter().all(|m| m.mesh.indices.is_empty() || f(&m.mesh));
     let (normals, uvs) =
