@@ -5,7 +5,7 @@ mod captured;
 mod check;
 pub(crate) mod description;
 mod hits;
-pub(crate) use hits::Sight;
+pub(crate) use hits::Visibility;
 mod lights;
 mod strands;
 
@@ -60,8 +60,9 @@ struct Built {
     light_of: Vec<u32>,
     /// How each area light moves; empty when none does.
     light_motions: Vec<LightMotion>,
-    /// Whether light may go straight through a face, by object: of media, of thin dielectrics; whether it may of any.
-    straight: Vec<bool>,
+    /// By object, whether a shadow ray that meets it may go on: faces of media, thin dielectrics, what lets rays through by chance.
+    may_pass: Vec<bool>,
+    /// Whether light may go straight through a face: of media, of thin dielectrics.
     has_straight_transmission: bool,
     /// Whether surfaces let rays through by chance.
     has_blends: bool,

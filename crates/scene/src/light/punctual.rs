@@ -186,7 +186,7 @@ impl PunctualKind {
             SpotEdge::Smooth => ramp * ramp * (3.0 - 2.0 * ramp),
             SpotEdge::LinearInAngle => {
                 let (outer, inner) = (cos_outer.acos(), cos_inner.acos());
-                ((outer - cos.min(1.0).acos()) / (outer - inner).max(1e-4)).clamp(0.0, 1.0)
+                ((outer - cos.clamp(-1.0, 1.0).acos()) / (outer - inner).max(1e-4)).clamp(0.0, 1.0)
             }
         }
     }

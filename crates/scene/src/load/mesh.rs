@@ -119,7 +119,7 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
     let read = |path: &std::path::Path| {
         let file = path.to_string_lossy().replace('\\', "/");
         match fetch(&file) {
-            Ok(bytes) => tobj::load_mtl_buf(&mut Cursor::new(whole_colors(&bytes))),
+            Ok(bytes) => tobj::load_mtl_buf(&mut Cursor::new(whole_colors(&lossy(&bytes)))),
             Err(e) => {
                 missing.push(format!("{name}: material file {file}: {e}: its materials are grey"));
                 Ok(Default::default())
@@ -518,6 +518,11 @@ mod tests {
         let bytes = b"# \xca\xa8\xd7\xd3\no \xca\xa8\nmtllib \xca\xa8.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
         let d = obj(bytes, "lion.obj", &|_| Err("there is no such file".into())).unwrap();
         assert_eq!((d.meshes[0].triangles.len(), d.warnings.len()), (1, 1), "{:?}", d.warnings);
+        // Its material is found by the same name.
+        let named = [&bytes[..bytes.len() - 8], b"usemtl \xca\xa8\nf 1 2 3\n"].concat();
+        let mtl = |_: &str| Ok(b"# \xd7\xd3\nnewmtl \xca\xa8\nKd 0.1 0.2 0.3\n".to_vec());
+        let d = obj(&named, "lion.obj", &mtl).unwrap();
+        assert_eq!((d.materials.len(), d.objects[0].material, d.warnings.len()), (2, 0, 0), "{:?}", d.warnings);
         // Lines are still told by their numbers.
         let bad = [&bytes[..], b"v 1 x 2\n"].concat();
         let e = obj(&bad, "lion.obj", &|_| Err("no".into())).unwrap_err().to_string();

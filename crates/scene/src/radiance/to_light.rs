@@ -4,7 +4,7 @@ use super::tally::ThinDielectrics;
 use crate::light::LightSample;
 use crate::material::Scattering;
 use crate::medium_stack::MediumStack;
-use crate::scene::{Scene, Sight};
+use crate::scene::{Scene, Visibility};
 use crate::shape::Surface;
 use diopter_light::random::{Dimensions, Sampler, SamplerKind, Stream, mix};
 use diopter_light::{Ray, SampledSpectrum, SampledWavelengths};
@@ -77,10 +77,10 @@ impl Scene {
             let face = match self.has_straight_transmission() {
                 false if self.occluded(&ray, reach) => return nothing,
                 false => None,
-                true => match self.sight(&ray, reach) {
-                    Sight::Blocked => return nothing,
-                    Sight::Clear => None,
-                    Sight::Unknown => self.intersect(&ray, reach),
+                true => match self.visibility(&ray, reach) {
+                    Visibility::Occluded => return nothing,
+                    Visibility::Unoccluded => None,
+                    Visibility::Unknown => self.intersect(&ray, reach),
                 },
             };
             if let Some(face) = face.as_ref()

@@ -5,7 +5,7 @@ use super::description::{Description, Shape};
 use super::hits::Placement;
 use super::lights::{AreaLights, LightMotion, area_lights};
 use super::strands::StrandTree;
-use super::{Built, Posed, Scene};
+use super::{Built, Object, Posed, Scene};
 use crate::SceneError;
 use crate::bvh::{Bounds, Bvh, Primitive, Primitives};
 use crate::light::Lights;
@@ -118,8 +118,14 @@ impl Scene {
         (all.area, all.punctual, all.environment) = (lights, d.punctual.clone(), d.environment.clone());
         let by_material: Vec<Option<Filtering>> = d.materials.iter().map(Material::filter_pictures).collect();
         let filtering = d.objects.iter().map(|o| by_material[o.material as usize]).collect();
-        let straight: Vec<bool> = d.objects.iter().map(|o| d.materials[o.material as usize].may_transmit_straight()).collect();
-        let has_straight_transmission = straight.contains(&true);
+        let has_straight_transmission = d.objects.iter().any(|o| d.materials[o.material as usize].may_transmit_straight());
+        // What lets rays through by chance draws anew for each origin: it is asked once, along the segment that reaches it.
+        let by_chance = |o: &Object| {
+            let is_blended = matches!(d.materials[o.material as usize].coverage, Coverage::Blend(_));
+            is_blended || matches!(o.shape, Shape::Splats { .. })
+        };
+        let may_pass = |o: &Object| d.materials[o.material as usize].may_transmit_straight() || by_chance(o);
+        let may_pass = d.objects.iter().map(may_pass).collect();
         let has_blends =
             d.objects.iter().any(|o| matches!(d.materials[o.material as usize].coverage, crate::material::Coverage::Blend(_)));
         let may_disperse = d.objects.iter().any(|o| d.materials[o.material as usize].may_disperse());
@@ -133,7 +139,7 @@ impl Scene {
             filtering,
             light_of,
             light_motions,
-            straight,
+            may_pass,
             has_straight_transmission,
             has_blends,
             may_disperse,

@@ -44,18 +44,19 @@ impl Scene {
             || !self.posed.animated.is_empty() && self.occluded(ray, t_max)
     }
 
-    /// What a shadow ray meets before `t_max` (m), as far as one look tells.
+    /// Visibility along a shadow ray up to `t_max` (m), as far as one any-hit query tells.
     #[inline]
-    pub(crate) fn sight(&self, ray: &Ray, t_max: f32) -> Sight {
+    pub(crate) fn visibility(&self, ray: &Ray, t_max: f32) -> Visibility {
         if !self.posed.animated.is_empty() {
-            return Sight::Unknown;
+            return Visibility::Unknown;
         }
         let passes = Cell::new(false);
-        let is_blocked = self.built.top.any(ray.origin, ray.direction, t_max, &SightFilter { scene: self, ray, passes: &passes });
+        let is_blocked =
+            self.built.top.any(ray.origin, ray.direction, t_max, &VisibilityFilter { scene: self, ray, passes: &passes });
         match (is_blocked, passes.get()) {
-            (true, _) => Sight::Blocked,
-            (false, true) => Sight::Unknown,
-            (false, false) => Sight::Clear,
+            (true, _) => Visibility::Occluded,
+            (false, true) => Visibility::Unknown,
+            (false, false) => Visibility::Unoccluded,
         }
     }
 
@@ -384,34 +385,34 @@ impl Filter for TopFilter<'_> {
     }
 }
 
-/// What is known of what a shadow ray meets.
+/// What is known of the visibility along a shadow ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Sight {
-    /// Something that light does not go straight through.
-    Blocked,
-    /// Nothing.
-    Clear,
-    /// Only what light may go straight through, or what moves: how much gets through is to be found out face by face.
+pub(crate) enum Visibility {
+    /// An opaque surface is met.
+    Occluded,
+    /// Nothing is met.
+    Unoccluded,
+    /// Only surfaces that may let light through are met, or something moves: the nearest of them decides, one after the other.
     Unknown,
 }
 
-/// Blocks by what light does not go straight through, and notes whether there was anything else.
-struct SightFilter<'a> {
+/// Meets opaque surfaces, and notes whether there was any other.
+struct VisibilityFilter<'a> {
     scene: &'a Scene,
     ray: &'a Ray,
     passes: &'a Cell<bool>,
 }
 
-impl SightFilter<'_> {
-    /// Whether an object blocks where it is hit; what does not is noted.
+impl VisibilityFilter<'_> {
+    /// Whether an object occludes where it is hit; one that does not is noted.
     fn blocks(&self, object: u32) -> bool {
-        let is_straight = self.scene.built.straight[object as usize];
-        self.passes.set(self.passes.get() | is_straight);
-        !is_straight
+        let may_pass = self.scene.built.may_pass[object as usize];
+        self.passes.set(self.passes.get() | may_pass);
+        !may_pass
     }
 }
 
-impl Filter for SightFilter<'_> {
+impl Filter for VisibilityFilter<'_> {
     fn accept(&self, id: u32, u: f32, v: f32) -> bool {
         let (object, triangle) = self.scene.flat_object(id);
         self.scene.covers(self.ray, object, triangle, [u, v], false) && self.blocks(object)
@@ -419,7 +420,7 @@ impl Filter for SightFilter<'_> {
 
     fn intersect_other(&self, id: u32, t_max: f32, _: bool) -> Option<Hit> {
         let top = TopFilter { scene: self.scene, ray: self.ray, blends_block: false };
-        // Of a body that light goes straight through any hit will do to note it.
+        // Of an object that may let light through any hit is enough to note it.
         top.intersect_other(id, t_max, true).filter(|_| self.blocks(id))
     }
 }

@@ -688,6 +688,44 @@ fn lamps_light_through_panes() {
 }
 
 #[test]
+fn gauze_beyond_a_pane_is_drawn_once() {
+    // Half of the rays pass the gauze, also where panes before and behind it divide the way to the lamp.
+    let pane = |d: &mut Description, y: f32| {
+        let mut glass = Principled::new(Color::rgb(1.0, 1.0, 1.0), 1.5);
+        (glass.transmission, glass.roughness, glass.thin_dielectric) = (Scalar::Constant(1.0), Scalar::Constant(0.0), true);
+        d.materials.push(Material::new("pane", Scattering::Principled(Box::new(glass))));
+        let quad = Quad { corner: Vec3::new(-50.0, y, 50.0), edges: [Vec3::X * 100.0, Vec3::NEG_Z * 100.0] };
+        d.objects.push(Object::new("pane", Shape::Quad(quad), d.materials.len() as u32 - 1));
+    };
+    let gauze = |d: &mut Description, y: f32| {
+        let black = Material::new("gauze", Scattering::Black);
+        d.materials.push(Material { coverage: Coverage::Blend(Scalar::Constant(0.5)), ..black });
+        let corners = [[-50.0, y, -50.0], [50.0, y, -50.0], [50.0, y, 50.0], [-50.0, y, 50.0]].map(Vec3::from);
+        d.meshes.push(Mesh { positions: corners.to_vec(), triangles: vec![[0, 1, 2], [0, 2, 3]], ..Default::default() }.into());
+        let shape = Shape::Mesh { mesh: d.meshes.len() as u32 - 1, world_from_mesh: Affine3A::IDENTITY };
+        d.objects.push(Object::new("gauze", shape, d.materials.len() as u32 - 1));
+    };
+    let scene = |with_gauze: bool| {
+        floor_with(|d| {
+            let lamp = PunctualKind::Point { position: Vec3::Y * 3.0 };
+            d.punctual.push(Punctual::new("a", Spectrum::light_from_rgb(Vec3::ONE), lamp));
+            [0.8, 1.2, 2.5].iter().for_each(|y| pane(d, *y));
+            if with_gauze {
+                gauze(d, 2.0);
+            }
+        })
+    };
+    let settings = PathSettings { max_depth: 4, roulette_depth: 9 };
+    let seen = |scene: &Scene| -> f64 {
+        let place = |i: u32| Vec3::new((i % 64) as f32 * 0.02, 0.5, (i / 64) as f32 * 0.02);
+        (0..4096).map(|i| mean(scene, place(i), Vec3::NEG_Y, 1, &settings)[1]).sum()
+    };
+    let left = seen(&scene(true)) / seen(&scene(false));
+    // Of 4096 draws: 0.8 % of the light by one standard deviation.
+    assert!((left - 0.5).abs() < 0.03, "{left}");
+}
+
+#[test]
 fn a_lamp_is_as_bright_as_mesh_quad_or_instances() {
     // The same square lamp as a quad, as a mesh, and as two meshes of a shared mesh placed side by side.
     let half = |x: f32| Mesh {

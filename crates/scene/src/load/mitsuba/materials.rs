@@ -1,7 +1,7 @@
 //! BSDFs and textures.
 //!
 //! Departures: microfacets are GGX whatever `distribution` says; plain `diffuse` reflects on both sides; metals with a `specular_reflectance` follow
-//! Schlick's curve from their color times that scale, and give back what bounces between facets; that of bodies that transmit is left out. Source: Mitsuba 3, plugin reference (BSDFs, textures).
+//! Schlick's curve from their color times that scale to 1 at grazing incidence, with what multiple scattering between facets adds; `specular_reflectance` of dielectrics that transmit is left out. Source: Mitsuba 3, plugin reference (BSDFs, textures).
 
 use super::context::{Context, DEEPEST};
 use super::tree::Node;
@@ -123,7 +123,12 @@ impl Context<'_> {
             }
         };
         Ok(match node.kind() {
-            "diffuse" => Surface::of(Scattering::Diffuse(self.color(node, "reflectance", 0.5)?)),
+            "diffuse" => {
+                // Mitsuba 0.x takes either name.
+                let names = ["reflectance", "diffuse_reflectance"];
+                let name = names.into_iter().find(|name| node.child(name).is_some()).unwrap_or(names[0]);
+                Surface::of(Scattering::Diffuse(self.color(node, name, 0.5)?))
+            }
             "dielectric" | "roughdielectric" => {
                 let (roughness, anisotropy) =
                     if node.kind() == "dielectric" { (Scalar::Constant(0.0), None) } else { self.roughness(node)? };
@@ -295,7 +300,7 @@ impl Context<'_> {
         p.clearcoat = Scalar::Constant(0.25 * coat);
         let gloss = number(node, "clearcoat_gloss", 0.0)?.clamp(0.0, 1.0) as f32;
         p.clearcoat_roughness = Scalar::Constant((0.1 + (0.001 - 0.1) * gloss).sqrt());
-        for name in ["anisotropic", "sheen", "spec_tint", "flatness", "diff_trans"] {
+        for name in ["anisotropic", "sheen", "sheen_tint", "spec_tint", "flatness", "diff_trans"] {
             if node.child(name).is_some_and(|c| c.get("value").is_none_or(|v| v.trim().parse::<f64>() != Ok(0.0))) {
                 self.skip_unsupported(format!("\"{name}\" of principled BSDFs"));
             }
@@ -474,9 +479,13 @@ impl Context<'_> {
         }
         let file = values::text(node, "filename")
             .ok_or_else(|| wrong(node, "a bitmap without filename", "<string name=\"filename\" .../>"))?;
-        let Some(image) = self.picture(file) else { return Ok(None) };
+        let Some(image) = self.picture(file) else {
+            node.leave_out();
+            return Ok(None);
+        };
         // Mitsuba 0.x writes a gamma of 1 for what is raw.
-        let raw = codes == Codes::Linear || number(node, "gamma", 0.0)? == 1.0;
+        let gamma = number(node, "gamma", 0.0)?;
+        let raw = codes == Codes::Linear || gamma == 1.0;
         let codes = if boolean(node, "raw", raw)? { Codes::Linear } else { Codes::Srgb };
         let wrap = match values::text(node, "wrap_mode") {
             Some("clamp") => Wrap::Clamp,
@@ -494,7 +503,7 @@ impl Context<'_> {
     }
 }
 
-/// Where a texture lies: `to_uv`, or scale and offset as Mitsuba 0.x writes them.
+/// Where a texture lies: `to_uv`, or what Mitsuba 0.x has: texture coordinates times a scale plus an offset. (Mitsuba 3 adds the offset of such files first.)
 fn uv_transform(node: &Node) -> Read<DMat4> {
     let two = |u: &str, v: &str, default: f64| -> Read<DVec3> {
         Ok(DVec3::new(number(node, u, default)?, number(node, v, default)?, default))

@@ -163,6 +163,8 @@ fn filling(context: &mut Context, node: &Arc<Node>, name: &str) -> Read<Option<S
             let bytes = (context.fetch)(file).map_err(|e| wrong(&volume, format!("{file}: {e}"), "a file that can be read"))?;
             let (size, channels, own, values) =
                 vol(&bytes).map_err(|e| wrong(&volume, format!("{file}: {e}"), "a .vol file of floats"))?;
+            // Numbers of grids are taken as they are.
+            boolean(&volume, "raw", true)?;
             let mut world_from_unit = transform(&volume, "to_world")?;
             if boolean(&volume, "use_grid_bbox", false)? {
                 let extent = own[1] - own[0];

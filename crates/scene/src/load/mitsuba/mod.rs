@@ -152,7 +152,7 @@ mod tests {
         let old = "<sensor type='thinlens'><float name='fov' value='50'/><string name='fovAxis' value='y'/><float name='apertureRadius' value='0.1'/>\
             <float name='focusDistance' value='4'/><transform name='toWorld'><lookAt origin='0,0,5' target='0,0,0' up='0,1,0'/></transform></sensor>\
             <bsdf type='dielectric' id='g'><string name='intIOR' value='water'/><float name='extIOR' value='1'/></bsdf>\
-            <bsdf type='diffuse' id='d'><texture name='reflectance' type='checkerboard'><float name='uscale' value='4'/><float name='voffset' value='0.5'/></texture></bsdf>\
+            <bsdf type='diffuse' id='d'><texture name='diffuseReflectance' type='checkerboard'><float name='uscale' value='4'/><float name='uoffset' value='0.5'/></texture></bsdf>\
             <shape type='sphere'><transform name='toWorld'><translate x='3'/></transform><ref id='g'/>\
             <medium type='homogeneous' name='interior'><float name='sigmaT' value='2'/><float name='albedo' value='0.25'/></medium></shape>\
             <shape type='rectangle'><boolean name='flipNormals' value='true'/><ref id='d'/></shape>\
@@ -170,9 +170,10 @@ mod tests {
                 "<float name='sigma_t' value='2'/><float name='albedo' value='0.25'/>",
             ),
             (
-                "<float name='uscale' value='4'/><float name='voffset' value='0.5'/>",
-                "<transform name='to_uv'><scale x='4'/><translate y='0.5'/></transform>",
+                "<float name='uscale' value='4'/><float name='uoffset' value='0.5'/>",
+                "<transform name='to_uv'><scale x='4'/><translate x='0.5'/></transform>",
             ),
+            ("diffuseReflectance", "reflectance"),
             ("flipNormals", "flip_normals"),
             ("cutoffAngle", "cutoff_angle"),
             ("beamWidth", "beam_width"),
@@ -221,11 +222,26 @@ mod tests {
     }
 
     #[test]
+    fn srgb_is_in_codes_and_rgb_is_not() {
+        let color = |tag: &str, value: &str| {
+            let d = read(&format!(
+                "<shape type='sphere'><bsdf type='diffuse'><{tag} name='reflectance' value='{value}'/></bsdf></shape>"
+            ));
+            let Scattering::Diffuse(color) = d.unwrap().materials[0].scattering.clone() else { panic!("diffuse") };
+            color.constant_rgb().unwrap()
+        };
+        let half = diopter_light::color::srgb_decode(0.5);
+        assert_eq!(color("rgb", "0.5, 0.5, 0.5"), Vec3::splat(0.5));
+        assert_eq!(color("srgb", "0.5, 0.5, 0.5"), Vec3::splat(half));
+        assert_eq!(color("srgb", "#ff0000"), Vec3::new(1.0, 0.0, 0.0));
+    }
+
+    #[test]
     fn spots_fade_linearly_in_the_angle() {
         let spot = "<shape type='sphere'/><emitter type='spot'><float name='cutoff_angle' value='20'/><float name='beam_width' value='10'/></emitter>";
         let lamp = &read(spot).unwrap().punctual[0];
         let nm = diopter_light::SampledWavelengths::rgb();
-        for (degrees, expected) in [(0.0, 1.0), (9.9, 1.0), (12.5, 0.75), (15.0, 0.5), (17.5, 0.25), (20.1, 0.0)] {
+        for (degrees, expected) in [(0.0, 1.0), (9.9, 1.0), (12.5, 0.75), (15.0, 0.5), (17.5, 0.25), (20.1, 0.0), (180.0, 0.0)] {
             let (sin, cos) = f32::sin_cos(f32::to_radians(degrees));
             let found = lamp.relative_intensity(None, Vec3::new(sin, 0.0, cos), &nm).x;
             assert!((found - expected).abs() < 1e-3, "{degrees}: {found}");
@@ -237,7 +253,18 @@ mod tests {
         let shape = "<bsdf type='diffuse' id='never used'><float name='x' value='1'/></bsdf><shape type='sphere'><float name='radius' value='2'/>\
             <float name='raduis' value='3'/><bsdf type='diffuse'><rgb name='reflectence' value='1, 0, 0'/></bsdf></shape>\
             <emitter type='sunsky'><float name='turbidity' value='3'/></emitter><sensor type='perspective'><float name='near_clip' value='1'/></sensor>";
+        // What is left out as a whole is not told by its parts; what changes no picture is not told.
+        let shape = &format!(
+            "{shape}<sensor type='radiancemeter'><sampler type='independent'><integer name='sample_count' value='4'/></sampler></sensor>\
+             <shape type='sphere'><bsdf type='bumpmap'><texture type='bitmap'><string name='filename' value='b.png'/><boolean name='raw' value='true'/></texture>\
+             <bsdf type='roughconductor'><boolean name='sample_visible' value='true'/></bsdf></bsdf></shape>\
+             <shape type='sphere'><bsdf type='diffuse'><texture type='bitmap' name='reflectance'><string name='filename' value='gone.png'/>\
+             <string name='wrap_mode' value='clamp'/></texture></bsdf></shape>"
+        );
         let warnings = read(shape).unwrap().warnings.join("; ");
+        for quiet in ["sample_count", "filename", "raw\"", "sample_visible", "wrap_mode"] {
+            assert!(!warnings.contains(quiet), "{quiet}: {warnings}");
+        }
         assert!(
             warnings.contains("\"raduis\" of shape \"sphere\"") && warnings.contains("\"reflectence\" of bsdf \"diffuse\""),
             "{warnings}"

@@ -39,8 +39,25 @@ const VALUES: [&str; 13] = [
     "matrix",
     "texture",
 ];
-/// Values that no picture of a real camera depends on: where rays are cut off, and how samples and texels are chosen.
-const WITHOUT_EFFECT: [&str; 4] = ["near_clip", "far_clip", "sampling_weight", "max_anisotropy"];
+/// Values that no picture of a real camera depends on: where rays are cut off, how samples are drawn and texels kept, and the shutter, which is the camera's own.
+const WITHOUT_EFFECT: [&str; 16] = [
+    "near_clip",
+    "far_clip",
+    "shutter_open",
+    "shutter_close",
+    "sampling_weight",
+    "sample_visible",
+    "sample_emitters",
+    "has_spectral_extinction",
+    "mis_compensation",
+    "max_anisotropy",
+    "format",
+    "accel",
+    "cache",
+    "diffuse_reflectance_sampling_rate",
+    "specular_reflectance_sampling_rate",
+    "clearcoat_sampling_rate",
+];
 
 impl Node {
     /// An attribute.
@@ -66,7 +83,10 @@ impl Node {
 
     /// Leaves out what lies in it, too: nobody is told of its values one by one.
     pub fn leave_out(&self) {
-        self.children.iter().for_each(|c| c.set_read());
+        for child in self.children.iter().filter(|c| VALUES.contains(&c.tag.as_str())) {
+            child.set_read();
+            child.leave_out();
+        }
     }
 
     /// Values of it and of what lies in it that nobody asked for, of plugins that somebody asked for: a name and whose it is.

@@ -81,16 +81,19 @@ impl Shade {
         Ok(Some(match node.tag.as_str() {
             "float" => Shade::Even(number_of(node, "value", 0.0)? as f32),
             "rgb" | "srgb" => {
+                // Mitsuba 0.x has colours in the codes of sRGB, too.
+                let decoded =
+                    |rgb: Vec3| if node.tag == "srgb" { Vec3::from(rgb.to_array().map(color::srgb_decode)) } else { rgb };
                 if let Some(hex) = value.strip_prefix('#').filter(|h| h.len() == 6 && h.is_ascii()) {
                     let code = |i: usize| u8::from_str_radix(&hex[i..i + 2], 16).map(|v| f32::from(v) / 255.0);
                     let [Ok(r), Ok(g), Ok(b)] = [code(0), code(2), code(4)] else {
                         return Err(wrong(node, format!("\"{value}\""), "#rrggbb"));
                     };
-                    return Ok(Some(Shade::Rgb(Vec3::new(r, g, b))));
+                    return Ok(Some(Shade::Rgb(decoded(Vec3::new(r, g, b)))));
                 }
                 match numbers_of(node, value)?[..] {
-                    [v] => Shade::Rgb(Vec3::splat(v as f32)),
-                    [r, g, b] => Shade::Rgb(Vec3::new(r as f32, g as f32, b as f32)),
+                    [v] => Shade::Rgb(decoded(Vec3::splat(v as f32))),
+                    [r, g, b] => Shade::Rgb(decoded(Vec3::new(r as f32, g as f32, b as f32))),
                     _ => return Err(wrong(node, format!("\"{value}\""), "three numbers, or one")),
                 }
             }
