@@ -107,7 +107,6 @@ pub fn stl(bytes: &[u8], name: &str) -> Result<Description, SceneError> {
 /// Reads an OBJ file with the materials that it names. Fails with the line that cannot be read, and where there are no faces; materials and pictures that are missing are
 /// warnings.
 pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
-    let bytes = &lossy(bytes)[..];
     let options = tobj::LoadOptions { triangulate: true, single_index: true, ignore_points: true, ignore_lines: true };
     let told =
         |(line, text, expected): (usize, String, &str)| error(format!("{name}: line {line}"), format!("\"{text}\""), expected);
@@ -127,7 +126,7 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
         }
     };
     let read = std::cell::RefCell::new(read);
-    let loaded = tobj::load_obj_buf(&mut Cursor::new(bytes), &options, |p| (read.borrow_mut())(p));
+    let loaded = tobj::load_obj_buf(&mut Cursor::new(lossy(bytes)), &options, |p| (read.borrow_mut())(p));
     let (models, materials) = loaded.map_err(|e| match bad_line(bytes).or_else(|| foreign_line(bytes)) {
         Some(bad) => told(bad),
         None => error(name.to_owned(), e.to_string(), "an OBJ file"),
