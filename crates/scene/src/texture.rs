@@ -190,6 +190,19 @@ impl Color {
         self.constant_rgb() == Some(rgb)
     }
 
+    /// It times a factor (linear sRGB), at least 0; a measured reflectance becomes a colour.
+    pub(crate) fn times(self, factor: Vec3) -> Self {
+        match self {
+            Color::Textured { factor: own, texture } => Color::Textured { factor: own * factor, texture },
+            Color::Graph(graph) => Color::Graph(Arc::new(Graph::Scale(graph, Arc::new(Graph::Constant(factor))))),
+            Color::Constant { .. } | Color::Spectrum(_) => {
+                let rgb = self.constant_rgb().map_or(Vec3::ZERO, |rgb| rgb * factor);
+                let rgb = if rgb.is_finite() { rgb.max(Vec3::ZERO) } else { Vec3::ZERO };
+                Color::rgb(rgb.x, rgb.y, rgb.z)
+            }
+        }
+    }
+
     /// A factor (linear sRGB) times an image, if there is one.
     pub(crate) fn with_picture(factor: Vec3, picture: Option<Texture>) -> Self {
         match picture {

@@ -206,11 +206,10 @@ impl<'a> Transport<'a> {
         let (start, blends) = (receiver.origin, self.scene.has_blends());
         let next = self.arrive(&mut path, hit.as_mut(), |path, here| {
             let end = offset_origin(here.surface.point, here.bsdf.side_normal());
-            // The path itself may have gone through a blended surface.
-            let sees_for_certain = !blends || !self.is_hidden(start, end, time_s);
             let lends =
                 here.bsdf.only_reflects() && !here.bsdf.is_specular() && !here.surface.is_strand() && !here.material.is_mixed();
-            match lends && sees_for_certain {
+            // The path itself may have gone through a blended surface.
+            match lends && (!blends || !self.is_hidden(start, end, time_s)) {
                 true => self.scatter_apart(path, &here, number, &mut donor, &mut suspended),
                 false => self.scatter_light(path, &here.vertex()),
             }

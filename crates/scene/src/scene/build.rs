@@ -120,14 +120,13 @@ impl Scene {
         let filtering = d.objects.iter().map(|o| by_material[o.material as usize]).collect();
         let has_straight_transmission = d.objects.iter().any(|o| d.materials[o.material as usize].may_transmit_straight());
         // What lets rays through by chance draws anew for each origin: it is asked once, along the segment that reaches it.
-        let by_chance = |o: &Object| {
-            let is_blended = matches!(d.materials[o.material as usize].coverage, Coverage::Blend(_));
-            is_blended || matches!(o.shape, Shape::Splats { .. })
+        let is_blended = |o: &Object| matches!(d.materials[o.material as usize].coverage, Coverage::Blend(_));
+        let may_pass = |o: &Object| {
+            let by_chance = is_blended(o) || matches!(o.shape, Shape::Splats { .. });
+            by_chance || d.materials[o.material as usize].may_transmit_straight()
         };
-        let may_pass = |o: &Object| d.materials[o.material as usize].may_transmit_straight() || by_chance(o);
         let may_pass = d.objects.iter().map(may_pass).collect();
-        let has_blends =
-            d.objects.iter().any(|o| matches!(d.materials[o.material as usize].coverage, crate::material::Coverage::Blend(_)));
+        let has_blends = d.objects.iter().any(is_blended);
         let may_disperse = d.objects.iter().any(|o| d.materials[o.material as usize].may_disperse());
         let built = Built {
             top,

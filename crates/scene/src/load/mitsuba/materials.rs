@@ -162,27 +162,10 @@ impl Context<'_> {
                 self.say_distribution(node);
                 let metal = Conductor { alpha, across, ..self.metal(node)? };
                 let scale = self.color(node, "specular_reflectance", 1.0)?;
-                if scale.is_everywhere(Vec3::ONE) {
-                    return Ok(Surface::of(Scattering::Conductor(metal)));
-                }
-                let color = metal.normal_reflectance();
-                let color = color.clamp(Vec3::ZERO, Vec3::ONE);
-                let base_color = match scale {
-                    Color::Textured { factor, texture } => Color::Textured { factor: factor * color, texture },
-                    Color::Graph(_) => {
-                        self.skip_unsupported("patterns as \"specular_reflectance\" of metals");
-                        Color::rgb(color.x, color.y, color.z)
-                    }
-                    constant => {
-                        let color = color * constant.constant_rgb().unwrap_or(Vec3::ONE);
-                        Color::rgb(color.x, color.y, color.z)
-                    }
-                };
-                let (roughness, across) = (root(metal.alpha), metal.across.map(root));
-                let anisotropy = across.map(|a| Box::new(Anisotropy::Across(a)));
-                let metallic = Scalar::Constant(1.0);
-                let metal = Principled { metallic, roughness, anisotropy, ..Principled::new(base_color, 1.5) };
-                Surface::of(Scattering::Principled(Box::new(metal)))
+                Surface::of(match scale.is_everywhere(Vec3::ONE) {
+                    true => Scattering::Conductor(metal),
+                    false => scaled_metal(metal, scale),
+                })
             }
             // The one that keeps track of polarisation is rough, too.
             "plastic" | "roughplastic" | "pplastic" => {
@@ -510,6 +493,14 @@ fn uv_transform(node: &Node) -> Read<DMat4> {
     };
     let (scale, offset) = (two("uscale", "vscale", 1.0)?, two("uoffset", "voffset", 0.0)?);
     Ok(transform(node, "to_uv")? * DMat4::from_translation(offset) * DMat4::from_scale(scale))
+}
+
+/// A metal whose reflectance is scaled: of its color at normal incidence times that.
+fn scaled_metal(metal: Conductor, scale: Color) -> Scattering {
+    let base_color = scale.times(metal.normal_reflectance());
+    let anisotropy = metal.across.map(|across| Box::new(Anisotropy::Across(root(across))));
+    let (metallic, roughness) = (Scalar::Constant(1.0), root(metal.alpha));
+    Scattering::Principled(Box::new(Principled { metallic, roughness, anisotropy, ..Principled::new(base_color, 1.5) }))
 }
 
 fn root(alpha: Scalar) -> Scalar {

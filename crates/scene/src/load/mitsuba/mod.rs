@@ -213,6 +213,8 @@ mod tests {
         let Scattering::Conductor(copper) = scattering(white).0 else { panic!("a metal") };
         let half = scaled(&white.replace("1, 1, 1", "0.5, 0.5, 0.5"));
         assert!(rgb(&half.base_color).abs_diff_eq(0.5 * copper.normal_reflectance(), 1e-6));
+        let checkered = "<bsdf type='conductor'><texture name='specular_reflectance' type='checkerboard'/></bsdf>";
+        assert!(matches!(scaled(checkered).base_color, crate::texture::Color::Graph(_)));
         let plastic = scaled("<bsdf type='plastic'><rgb name='specular_reflectance' value='0.4, 0.2, 0.4'/></bsdf>");
         assert!(plastic.tinted && matches!(plastic.specular, crate::texture::Scalar::Constant(0.4)));
         assert_eq!(rgb(&plastic.specular_color), Vec3::new(1.0, 0.5, 1.0));

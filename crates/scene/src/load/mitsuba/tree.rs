@@ -24,21 +24,8 @@ pub struct Node {
 }
 
 /// Elements that are a value of the one they lie in.
-const VALUES: [&str; 13] = [
-    "float",
-    "integer",
-    "boolean",
-    "string",
-    "point",
-    "vector",
-    "rgb",
-    "srgb",
-    "spectrum",
-    "blackbody",
-    "transform",
-    "matrix",
-    "texture",
-];
+const VALUES: [&str; 12] =
+    ["float", "integer", "boolean", "string", "point", "vector", "rgb", "srgb", "spectrum", "blackbody", "transform", "texture"];
 /// Values that no picture of a real camera depends on: where rays are cut off, how samples are drawn and texels kept, and the shutter, which is the camera's own.
 const WITHOUT_EFFECT: [&str; 16] = [
     "near_clip",

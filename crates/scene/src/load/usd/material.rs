@@ -13,7 +13,7 @@ use super::world::World;
 use crate::SceneError;
 use crate::light::Modulation;
 use crate::material::{Coverage, Emission, EmissionColor, Material, Principled, Scattering};
-use crate::texture::{Codes, Color, Graph, Scalar};
+use crate::texture::{Codes, Color, Scalar};
 use diopter_light::Spectrum;
 use glam::Vec3;
 use std::sync::Arc;
@@ -195,7 +195,7 @@ impl World<'_> {
         if self.number(shader, "useSpecularWorkflow", 0.0)? != 0.0 {
             // Reflectance at normal incidence over that of the index.
             let f0 = ((ior - 1.0) / (ior + 1.0)).powi(2).max(1e-4);
-            p.specular_color = times(self.color(shader, "specularColor", Vec3::ZERO, uses)?, Vec3::splat(1.0 / f0));
+            p.specular_color = self.color(shader, "specularColor", Vec3::ZERO, uses)?.times(Vec3::splat(1.0 / f0));
             p.tinted = true;
         } else {
             p.metallic = self.scalar(shader, "metallic", 0.0, uses)?;
@@ -214,7 +214,7 @@ impl World<'_> {
 
     fn standard_surface(&mut self, shader: &Arc<Prim>, uses: &mut Uses) -> Read<Material> {
         let weight = self.number(shader, "base", 0.8)?;
-        let base = times(self.color(shader, "base_color", Vec3::ONE, uses)?, Vec3::splat(weight));
+        let base = self.color(shader, "base_color", Vec3::ONE, uses)?.times(Vec3::splat(weight));
         let mut p = Principled {
             metallic: self.scalar(shader, "metalness", 0.0, uses)?,
             roughness: self.scalar(shader, "specular_roughness", 0.2, uses)?,
@@ -352,16 +352,6 @@ impl World<'_> {
 fn constant(rgb: Vec3) -> Color {
     let rgb = if rgb.is_finite() { rgb.max(Vec3::ZERO) } else { Vec3::ZERO };
     Color::rgb(rgb.x, rgb.y, rgb.z)
-}
-
-/// A colour times a factor.
-fn times(color: Color, factor: Vec3) -> Color {
-    match color {
-        Color::Constant { rgb, .. } => constant(rgb * factor),
-        Color::Textured { factor: f, texture } => Color::Textured { factor: f * factor, texture },
-        Color::Graph(graph) => Color::Graph(Arc::new(Graph::Scale(graph, Arc::new(Graph::Constant(factor))))),
-        other => other,
-    }
 }
 
 /// Light that a surface sends out: cd/m² for each 1 of its colour.
