@@ -16,17 +16,26 @@ const WIDE: [usize; 2] = [64, 20];
 const SPP: u32 = 8;
 /// Samples a cell of the close view: where it is sharp, a quarter of the depth of focus is a fraction of a cell.
 const CLOSE_SPP: u32 = 16;
-/// So much of the tolerance a shift may be unsure by that ends the search, and so much of itself one that only moves the lens.
-const DEVIATION_LIMITS: [f64; 2] = [0.5, 0.4];
+/// So much of itself a shift may be unsure by that only moves the lens.
+const UNSURE: f64 = 0.4;
+/// So many tolerances one may be unsure by that ends the search.
+const DEVIATION: f64 = 1.5;
+/// How far off a shift may be for what the pupil is not two halves of a disc (vignetting, the defocus of other depths in the view), as a fraction of itself.
+const SYSTEMATIC: f64 = 0.12;
+/// Defocus, in tolerances, from which on the last reading is not taken at its word: half the depth of focus.
+const ENDS_WITHIN: f64 = 4.0;
+/// Positions that are no farther apart than the depth of focus, in tolerances: where one is too near and the other too far, what is sharp lies between.
+const BRACKET: f64 = 8.0;
 /// The correlation of a shift that ends the search without a second look: noise pulls shifts towards none, alike in all rows.
-const ENDS: f64 = 0.9;
+const ENDS: f64 = 0.8;
 /// Cells about the highest correlation in which it may lie without a group of rows.
 const NEAR: usize = 4;
-/// What is not sure is looked at again with so many times the samples, at most so many times in all.
-const MORE: u32 = 4;
-const LOOKS: u32 = 3;
+/// What is not sure is looked at again: samples of all looks together, over those of the first.
+const LOOKS: [u32; 4] = [1, 2, 4, 16];
+/// The look from which on a shift that is clear is taken as it is.
+const ENOUGH: usize = 2;
 /// Signal over noise that a look finds may be so many times too small: of few samples it is badly known.
-const SIGNAL_GAIN: [f64; LOOKS as usize] = [4.0, 1.5, 1.0];
+const SIGNAL_GAIN: [f64; LOOKS.len()] = [4.0, 2.5, 1.5, 1.0];
 /// Means over so many cells that are tried: what is far out of focus has no finer detail, only noise.
 const SMOOTH: [usize; 3] = [1, 3, 7];
 /// The least correlation that is believed, one that is as good as any, and how much lower any other shift must be.
@@ -76,10 +85,10 @@ fn smoothed(f: &Frame, over: usize) -> Vec<f64> {
     a.iter().zip(&b).map(|(a, b)| a + b).collect()
 }
 
-/// The same of one of the two readings.
+/// The same of one of the two readings, of square roots: photon noise is then alike in all cells (Anscombe 1948), and no single bright one decides.
 fn smoothed_reading(f: &Frame, reading: usize, over: usize) -> Vec<f64> {
     let (columns, rows, n) = (f.columns, f.rows, f.channels);
-    let mut v: Vec<f64> = f.readings[reading].iter().map(|v| f64::from(*v)).collect();
+    let mut v: Vec<f64> = f.readings[reading].iter().map(|v| f64::from(v.max(0.0)).sqrt()).collect();
     for (stride, count, half) in [(n, columns, over / 2), (n * columns, rows, over / 4)] {
         let from = v.clone();
         for (i, to) in v.iter_mut().enumerate() {
@@ -192,7 +201,7 @@ pub(super) fn search(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range:
     let camera = prober.view.camera;
     let film = camera.film;
     let (f_number, focal) = (camera.lens.f_number(), camera.lens.focal_length().0);
-    let mut curve = Vec::new();
+    let mut curve: Vec<Point> = Vec::new();
     let start = range.start();
     prober.drive.go(start);
     // First the whole zone, then its middle in cells as fine as what counts as sharp.
@@ -221,9 +230,9 @@ pub(super) fn search(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range:
         // The close view decides.
         let first = if wide { SPP } else { CLOSE_SPP };
         let mut right_frame = None;
-        for step in 0..LOOKS {
+        for step in 0..LOOKS.len() {
             // What was seen before counts by its samples.
-            let samples = |step| first * MORE.pow(step);
+            let samples = |step: usize| first * LOOKS[step];
             let before = step.checked_sub(1).map_or(0, samples);
             let mut half = |h| prober.frame(piece, WIDE, samples(step) - before, Some(h));
             let (Some(left), Some(right)) = (half(Half::Left)?, half(Half::Right)?) else {
@@ -238,18 +247,14 @@ pub(super) fn search(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range:
             // Signal over noise grows with the samples: what even the last look would not show is not worth one.
             let reliable = reliability(&left).min(reliability(&right));
             let noise =
-                reliable / (1.0 - reliable).max(1e-9) * f64::from(MORE.pow(LOOKS - 1 - step)) * SIGNAL_GAIN[step as usize];
+                reliable / (1.0 - reliable).max(1e-9) * f64::from(LOOKS[LOOKS.len() - 1] / LOOKS[step]) * SIGNAL_GAIN[step];
             (left_frame, right_frame) = (Some(left), Some(right));
             // What only says where to look closer need not be exact; rows of different depth differ however many samples there are.
-            let exact = |s: Shift| {
-                let ends = s.cells.abs() < 2.0 * tolerated;
-                if ends {
-                    s.correlation > ENDS && s.deviation < DEVIATION_LIMITS[0] * tolerated
-                } else {
-                    s.deviation < tolerated.max(DEVIATION_LIMITS[1] * s.cells.abs())
-                }
+            let exact = |s: Shift| match s.cells.abs() < ENDS_WITHIN * tolerated {
+                true => s.correlation > ENDS && s.deviation.hypot(SYSTEMATIC * s.cells) < DEVIATION * tolerated,
+                false => s.deviation < tolerated.max(UNSURE * s.cells.abs()),
             };
-            if seen.is_some_and(|s| s.is_sure() && (wide || step > 0 || exact(s))) || noise / (1.0 + noise) < CORRELATED {
+            if seen.is_some_and(|s| s.is_sure() && (wide || step >= ENOUGH || exact(s))) || noise / (1.0 + noise) < CORRELATED {
                 break;
             }
         }
@@ -266,7 +271,17 @@ pub(super) fn search(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range:
             let why = if found.correlation > CORRELATED { Failure::Ambiguous } else { Failure::NoContrast };
             return fail(at, why, moves, curve);
         }
-        let to = at - defocus;
+        let mut to = at - defocus;
+        let mut is_there = !wide && defocus.abs() < ENDS_WITHIN * tolerance && range.holds(to, tolerance);
+        // Two close readings on both sides of it.
+        if let [.., a, b] = curve.as_slice()
+            && !wide
+            && a.level == b.level
+            && a.value * b.value < 0.0
+        {
+            to = a.extension_mm + (b.extension_mm - a.extension_mm) * a.value / (a.value - b.value);
+            is_there |= (a.extension_mm - b.extension_mm).abs() < BRACKET * tolerance;
+        }
         if wide {
             // Where in the zone the detail is decides where to look closer.
             let block = [0, 1].map(|k| ((part[k] * WIDE[k] as f64).round() as usize).clamp(3.min(WIDE[k]), WIDE[k]));
@@ -274,8 +289,8 @@ pub(super) fn search(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range:
             let cell = [zone[2] / WIDE[0] as f64, zone[3] / WIDE[1] as f64];
             middle[0] = (zone[0] + x as f64 * cell[0]).min(zone[0] + zone[2] - middle[2]);
             middle[1] = (zone[1] + y as f64 * cell[1]).min(zone[1] + zone[3] - middle[3]);
-        } else if defocus.abs() < 2.0 * tolerance {
-            // There: the last reading says how well.
+        } else if is_there {
+            // The last reading says how well.
             let sure = ((found.correlation - CORRELATED) / (1.0 - CORRELATED)).clamp(0.0, 1.0);
             let confidence = 0.5 + 0.5 * sure;
             return Ok(Found { zone, extension_mm: to, confidence, failure: None, method: "phase", moves, curve });
@@ -345,7 +360,7 @@ mod tests {
         let mut two = |signal: f64| {
             let mut reading = || -> Vec<f32> {
                 (0..64 * 8)
-                    .map(|i| (signal * f64::from(2 * ((i * 7 / 3) % 2) as u32) + 5.0 * (i % 64) as f64 + noise()) as f32)
+                    .map(|i| (FAR + signal * f64::from(2 * ((i * 7 / 3) % 2) as u32) + 5.0 * (i % 64) as f64 + noise()) as f32)
                     .collect()
             };
             let readings = [reading(), reading()];
@@ -356,6 +371,9 @@ mod tests {
         assert!((strong - 0.857).abs() < 0.04, "{strong}");
         assert!(none < 0.35, "{none}");
     }
+
+    /// Where square roots are as good as straight lines.
+    const FAR: f64 = 1e5;
 
     /// Even noise of variance 133.
     fn noise() -> impl FnMut() -> f64 {

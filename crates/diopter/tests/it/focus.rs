@@ -92,16 +92,19 @@ fn contrast_lands_within_a_quarter_of_the_depth_of_focus() {
 fn phase_lands_there_in_two_moves() {
     let af = settings(Method::Phase);
     for ev100 in [5.0, 10.0] {
-        let (mut quick, mut all) = (0, 0);
+        let (mut quick, mut all, mut squares) = (0, 0, Vec::new());
         for (what, lens, distance, scene) in placements(ev100, [Pattern::Rough, Pattern::Leaves, Pattern::Shelf]) {
             let report = focus(&scene, &lens, &af);
             let off = off(&report, &lens, &af, distance);
             all += 1;
-            // What is not flagged is right.
-            assert!(report.failure().is_some() || off.abs() < 0.25, "{what}: {off:.3} depths");
+            // What is not flagged is right. With its spherical aberration the double Gauss at f/2 shows halves of the pupil alike 0.2 depths before the smallest spot.
+            assert!(report.failure().is_some() || off.abs() < 0.27, "{what}: {off:.3} depths");
+            squares.extend(report.failure().is_none().then_some(off * off));
             quick += usize::from(report.failure().is_none() && report.zones[0].moves <= 2);
         }
-        println!("EV {ev100}: {quick} of {all} in two moves");
+        let rms = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+        println!("EV {ev100}: {quick} of {all} in two moves, {rms:.3} depths off");
+        assert!(rms < 0.11, "EV {ev100}: {rms:.3} depths");
         assert!(quick * 10 >= all * 9, "EV {ev100}: {quick} of {all}");
     }
 }
