@@ -8,10 +8,10 @@ use diopter_light::random::mix;
 /// Pixels of a group, in whole tiles.
 pub(super) const GROUP: usize = 32;
 
-/// Pixels of a film from which on blocks are whole tiles: on smaller ones a tile is a large part of the picture, and its pixels see different things. A film that records radiance, and one behind colour
-/// filters: what every other pixel of a small block has in common is no noise to a filter, but a square that stays, in the colours of the mosaic.
+/// Pixels of a film from which on blocks are whole tiles: on smaller ones a tile is a large part of the picture, and its pixels see different things. A film that records radiance, and one that
+/// counts electrons: what every other pixel of a small block has in common is no noise to a filter, but a square that stays, in the colours of a mosaic.
 const LARGE: usize = 1 << 17;
-const LARGE_MOSAIC: usize = 1 << 13;
+const LARGE_SENSOR: usize = 1 << 13;
 
 /// How tiles are divided.
 #[derive(Clone, Copy, Debug)]
@@ -25,7 +25,7 @@ pub(super) struct PixelGroups {
 impl PixelGroups {
     /// Those of a film, and whether it records radiance.
     pub fn new(film: &Film, in_radiance: bool) -> Self {
-        match film.columns * film.rows < if in_radiance { LARGE } else { LARGE_MOSAIC } {
+        match film.columns * film.rows < if in_radiance { LARGE } else { LARGE_SENSOR } {
             true => PixelGroups { block: TILE / 2, cell: [2, 1] },
             false => PixelGroups { block: TILE, cell: [4, 2] },
         }
@@ -85,9 +85,9 @@ mod tests {
 
     #[test]
     fn each_pixel_of_a_tile_belongs_to_one_group_and_groups_have_one_in_each_cell() {
-        for (size, in_radiance) in [(64, true), (640, true), (64, false), (240, false)] {
+        for (size, in_radiance, block) in [(64, true, 8), (240, true, 8), (640, true, TILE), (64, false, 8), (240, false, TILE)] {
             let groups = PixelGroups::new(&Film::new(36.0, 24.0, size, size), in_radiance);
-            assert_eq!(groups.block == TILE, size > 64);
+            assert_eq!(groups.block, block);
             for tile in [[0, 0], [TILE, 3 * TILE], [40 * TILE, 7 * TILE]] {
                 let (mut seen, mut represented) = (HashSet::new(), HashSet::new());
                 for group in 0..groups.groups() {

@@ -340,7 +340,7 @@ mod tests {
     fn the_deviation_is_that_of_other_noise() {
         // Two pictures with noise of their own, many times: shifts scatter about as each of them says. Five groups of rows know a deviation to about a third.
         let scene =
-            |x: f64, row: usize| 20.0 * (0.31 * x + row as f64).sin() + 15.0 * (0.13 * x * (1.0 + 0.2 * row as f64)).cos();
+            |x: f64, row: usize| FAR + 20.0 * (0.31 * x + row as f64).sin() + 15.0 * (0.13 * x * (1.0 + 0.2 * row as f64)).cos();
         let (mut squares, mut claimed, times) = (0.0, 0.0, 60);
         let mut noise = noise();
         for _ in 0..times {

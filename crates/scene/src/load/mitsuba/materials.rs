@@ -1,7 +1,7 @@
 //! BSDFs and textures.
 //!
 //! Departures: microfacets are GGX whatever `distribution` says; plain `diffuse` reflects on both sides; metals with a `specular_reflectance` follow
-//! Schlick's curve from their color times that scale to 1 at grazing incidence, with what multiple scattering between facets adds; `specular_reflectance` of dielectrics that transmit is left out. Source: Mitsuba 3, plugin reference (BSDFs, textures).
+//! Schlick's curve from their color times that scale to 1 at grazing incidence, with what multiple scattering between facets adds; `specular_reflectance` of dielectrics that transmit is left out; `phong` and `ward` are coats of GGX facets, `roughdiffuse` is diffuse. Source: Mitsuba 3, plugin reference (BSDFs, textures).
 
 use super::context::{Context, DEEPEST};
 use super::tree::Node;
@@ -94,6 +94,9 @@ fn relative_index(node: &Node, inside: f64) -> Read<f32> {
     }
 }
 
+/// Reflectances at normal incidence of the coats that stand for gloss without Fresnel reflection: of indices of 5 and 10.
+const NEARLY_EVEN: [f32; 2] = [0.4444, 0.6694];
+
 /// Metals by the names of Mitsuba's data files, where we have measurements.
 const METALS: [(&str, &str); 8] = [
     ("Ag", "silver"),
@@ -123,12 +126,7 @@ impl Context<'_> {
             }
         };
         Ok(match node.kind() {
-            "diffuse" => {
-                // Mitsuba 0.x takes either name.
-                let names = ["reflectance", "diffuse_reflectance"];
-                let name = names.into_iter().find(|name| node.child(name).is_some()).unwrap_or(names[0]);
-                Surface::of(Scattering::Diffuse(self.color(node, name, 0.5)?))
-            }
+            "diffuse" => self.diffuse(node)?,
             "dielectric" | "roughdielectric" => {
                 let (roughness, anisotropy) =
                     if node.kind() == "dielectric" { (Scalar::Constant(0.0), None) } else { self.roughness(node)? };
@@ -182,6 +180,16 @@ impl Context<'_> {
                 let coat = Principled { roughness, anisotropy, layered, ..coat }.with_specular(reflected);
                 Surface::of(Scattering::Principled(Box::new(coat)))
             }
+            // Of Mitsuba 0.x.
+            "phong" | "ward" => self.gloss(node)?,
+            "roughdiffuse" => {
+                let roughness = self.scalar(node, "alpha", 0.2)?;
+                boolean(node, "use_fast_approx", false)?;
+                if !matches!(roughness, Scalar::Constant(alpha) if alpha <= 0.0) {
+                    self.skip_unsupported("the roughness of roughdiffuse: it is taken for diffuse");
+                }
+                self.diffuse(node)?
+            }
             "hair" => Surface::of(Scattering::Hair(Box::new(self.hair(node)?))),
             "principled" | "principledthin" => self.principled(node)?,
             "measured" => {
@@ -230,11 +238,60 @@ impl Context<'_> {
             }
             "null" => Surface::of(Scattering::Interface),
             other => {
-                let known = "diffuse, dielectric, thindielectric, roughdielectric, conductor, roughconductor, plastic, roughplastic, pplastic, principled, measured, \
-                    hair, twosided, mask, bumpmap, normalmap, blendbsdf or null: others are not supported";
+                let known = "diffuse, dielectric, thindielectric, roughdielectric, conductor, roughconductor, plastic, roughplastic, pplastic, phong, ward, roughdiffuse, principled, \
+                    measured, hair, twosided, mask, bumpmap, normalmap, blendbsdf or null: others are not supported";
                 return Err(wrong(node, format!("bsdf \"{other}\""), known));
             }
         })
+    }
+
+    fn diffuse(&mut self, node: &Arc<Node>) -> Read<Surface> {
+        // Mitsuba 0.x takes either name.
+        let names = ["reflectance", "diffuse_reflectance"];
+        let name = names.into_iter().find(|name| node.child(name).is_some()).unwrap_or(names[0]);
+        Ok(Surface::of(Scattering::Diffuse(self.color(node, name, 0.5)?)))
+    }
+
+    /// Mitsuba 0.x's gloss without Fresnel reflection over a diffuse base: a GGX coat that reflects nearly as much at all angles. Sources: E. Lafortune & Y. Willems 1994, "Using the Modified Phong
+    /// Reflectance Model for Physically Based Rendering"; G. Ward 1992, "Measuring and Modeling Anisotropic Reflection". A lobe cosⁿ about the mirror direction is one cos⁴ⁿ about the normal of
+    /// facets, and that α² = 2 / (4n + 2) (Walter et al. 2007, "Microfacet Models for Refraction through Rough Surfaces", §5.2).
+    fn gloss(&mut self, node: &Arc<Node>) -> Read<Surface> {
+        let base = self.color(node, "diffuse_reflectance", 0.5)?;
+        let reflected = self.color(node, "specular_reflectance", 0.2)?.constant_rgb().unwrap_or_else(|| {
+            self.skip_unsupported(format!("a texture as \"specular_reflectance\" of {}", node.kind()));
+            Vec3::splat(0.2)
+        });
+        let (roughness, anisotropy) = match node.kind() {
+            "ward" => {
+                values::text(node, "variant");
+                self.roughness(node)?
+            }
+            _ => {
+                let exponent = match self.scalar(node, "exponent", 30.0)? {
+                    Scalar::Constant(n) => n.max(0.0),
+                    _ => {
+                        self.skip_unsupported("a texture as \"exponent\" of phong");
+                        30.0
+                    }
+                };
+                (root(Scalar::Constant((1.0 / (2.0 * exponent + 1.0)).sqrt())), None)
+            }
+        };
+        let largest = reflected.max_element();
+        if largest > 0.0 {
+            self.skip_unsupported(format!("{}'s lobe: it is taken for a GGX coat of its reflectance and width", node.kind()));
+        }
+        if largest > NEARLY_EVEN[1] {
+            self.skip_unsupported(format!("reflectances above {} of {}", NEARLY_EVEN[1], node.kind()));
+        }
+        // The higher the index, the less reflection grows towards grazing incidence.
+        let normal = largest.clamp(NEARLY_EVEN[0], NEARLY_EVEN[1]);
+        let ior = (1.0 + normal.sqrt()) / (1.0 - normal.sqrt());
+        let shown = largest.min(normal);
+        // The base has what the coat leaves it, where these models add the two.
+        let base = base.times(Vec3::splat(1.0 / (1.0 - shown)));
+        let coat = Principled::new(base, ior).with_specular(reflected * (shown / (largest.max(f32::MIN_POSITIVE) * normal)));
+        Ok(Surface::of(Scattering::Principled(Box::new(Principled { roughness, anisotropy, ..coat }))))
     }
 
     /// A fibre, by the parameters of Chiang et al. 2016 under Mitsuba's names.

@@ -48,6 +48,7 @@ mod tests {
     use crate::light::PunctualKind;
     use crate::material::{Coverage, Interior, Scattering};
     use crate::scene::{CameraProjection, Shape};
+    use crate::texture::Scalar;
     use glam::{Vec2, Vec3};
 
     fn fetch(name: &str) -> Result<Vec<u8>, String> {
@@ -145,6 +146,42 @@ mod tests {
         assert!((ahead - Vec3::NEG_Z).length() < 1e-5 && (right - Vec3::X).length() < 1e-5, "{ahead} {right}");
         let all = d.warnings.join("; ");
         assert!(all.contains("sunsky") && all.contains("Beckmann"), "{all}");
+    }
+
+    #[test]
+    fn gloss_of_the_old_version_keeps_its_reflectance_and_width() {
+        let d = read(
+            "<bsdf type='phong' id='p'><float name='exponent' value='256'/><spectrum name='specularReflectance' value='0.1'/><rgb name='diffuseReflectance' value='.2, .3, .4'/></bsdf>\
+             <bsdf type='ward' id='w'><float name='alphaU' value='0.2'/><float name='alphaV' value='0.3'/><rgb name='specularReflectance' value='.3, .6, .15'/></bsdf>\
+             <bsdf type='roughdiffuse' id='r'><float name='alpha' value='0.3'/><rgb name='reflectance' value='.1, .2, .3'/></bsdf>\
+             <shape type='sphere'><ref id='p'/></shape><shape type='sphere'><ref id='w'/></shape><shape type='sphere'><ref id='r'/></shape>",
+        )
+        .unwrap();
+        let of = |i: usize| &d.materials[d.objects[i].material as usize].scattering;
+        let gloss = |i: usize| match of(i) {
+            Scattering::Principled(p) => p,
+            _ => panic!("a coat"),
+        };
+        // At normal incidence: ((n − 1) / (n + 1))² times the scale and tint.
+        let reflectance = |i: usize| {
+            let (Scalar::Constant(scale), Some(tint)) = (&gloss(i).specular, gloss(i).specular_color.constant_rgb()) else {
+                panic!("constants")
+            };
+            tint * (scale * ((gloss(i).ior - 1.0) / (gloss(i).ior + 1.0)).powi(2))
+        };
+        assert!((reflectance(0) - Vec3::splat(0.1)).length() < 1e-4, "{}", reflectance(0));
+        assert!((reflectance(1) - Vec3::new(0.3, 0.6, 0.15)).length() < 1e-3, "{}", reflectance(1));
+        // Coat and base together: what the two lobes add up to, seen from the front and from aside.
+        let both = reflectance(0) + gloss(0).base_color.constant_rgb().unwrap() * (1.0 - 0.1);
+        assert!((both - Vec3::new(0.3, 0.4, 0.5)).length() < 1e-3, "{both}");
+        // α = (2 · 256 + 1)^(−1/2), its root.
+        let Scalar::Constant(roughness) = gloss(0).roughness else { panic!("a constant") };
+        assert!((roughness.powi(4) - 1.0 / 513.0).abs() < 1e-6);
+        let Scalar::Constant(along) = gloss(1).roughness else { panic!("a constant") };
+        assert!((along * along - 0.2).abs() < 1e-6 && gloss(1).anisotropy.is_some());
+        assert!(matches!(of(2), Scattering::Diffuse(_)));
+        let all = d.warnings.join("; ");
+        assert!(["phong", "ward", "roughdiffuse"].iter().all(|name| all.contains(name)) && !all.contains("of bsdf"), "{all}");
     }
 
     #[test]

@@ -53,9 +53,12 @@ pub(super) struct Tint {
 impl Tint {
     /// What is reflected where the interface alone would reflect a fraction.
     pub fn of(&self, reflected: f32) -> SampledSpectrum {
-        // Below 0 where rough facets lose light: a weight alone then stays a factor.
+        // Less than at normal incidence where rough facets lose light, and before the Brewster angle of high indices: as much less in all colours.
+        if reflected < self.f0 {
+            return self.normal * (reflected / self.f0);
+        }
         let rise = (reflected - self.f0) / (1.0 - self.f0);
-        (self.normal + (SampledSpectrum::splat(self.weight) - self.normal) * rise).max(SampledSpectrum::ZERO)
+        self.normal + (SampledSpectrum::splat(self.weight) - self.normal) * rise
     }
 }
 
@@ -430,4 +433,26 @@ fn above(wi: Vec3) -> Option<Vec3> {
 
 fn below(wi: Vec3) -> Option<Vec3> {
     (wi.z < 0.0).then_some(wi)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tint_stays_where_less_is_reflected_than_at_normal_incidence() {
+        let normal = SampledSpectrum::new(0.3, 0.6, 0.15, 0.6);
+        let tint = Tint { weight: 1.0, f0: 0.6, normal };
+        // As it is before the Brewster angle of an index of 8: all colours alike.
+        assert!((tint.of(0.45) - normal * 0.75).abs().max_element() < 1e-6);
+        assert!((tint.of(0.6) - normal).abs().max_element() < 1e-6);
+        assert!((tint.of(1.0) - SampledSpectrum::ONE).abs().max_element() < 1e-6);
+        // A weight alone is a factor everywhere.
+        let weight = Tint { weight: 0.5, f0: 0.04, normal: SampledSpectrum::splat(0.02) };
+        assert!(
+            [0.0, 0.03, 0.04, 0.3, 1.0]
+                .iter()
+                .all(|r| (weight.of(*r) - SampledSpectrum::splat(0.5 * r)).abs().max_element() < 1e-6)
+        );
+    }
 }
