@@ -8,9 +8,9 @@ use diopter_light::random::mix;
 /// Pixels of a group, in whole tiles.
 pub(super) const GROUP: usize = 32;
 
-/// Pixels of a film from which on blocks are whole tiles: on smaller ones a tile is a large part of the picture, and its pixels see different things. A film that records radiance, and one that
-/// counts electrons: what every other pixel of a small block has in common is no noise to a filter, but a square that stays, in the colours of a mosaic.
+/// Pixels of a film that records radiance, from which on blocks are whole tiles: on smaller ones a tile is a large part of the picture, and its pixels see different things.
 const LARGE: usize = 1 << 17;
+/// The same of one that counts electrons: what every other pixel of a small block has in common is no noise to a filter, but a square that stays, in the colours of a mosaic.
 const LARGE_SENSOR: usize = 1 << 13;
 
 /// How tiles are divided.
@@ -25,7 +25,8 @@ pub(super) struct PixelGroups {
 impl PixelGroups {
     /// Those of a film, and whether it records radiance.
     pub fn new(film: &Film, in_radiance: bool) -> Self {
-        match film.columns * film.rows < if in_radiance { LARGE } else { LARGE_SENSOR } {
+        let large = if in_radiance { LARGE } else { LARGE_SENSOR };
+        match film.columns * film.rows < large {
             true => PixelGroups { block: TILE / 2, cell: [2, 1] },
             false => PixelGroups { block: TILE, cell: [4, 2] },
         }

@@ -241,11 +241,6 @@ impl Range {
         Range { low, high, near: (f / 9.0).min(high) }
     }
 
-    /// Whether the lens can go to a place, or nearly.
-    fn holds(&self, at: f64, tolerance: f64) -> bool {
-        (self.low - tolerance..=self.high + tolerance).contains(&at)
-    }
-
     /// Where a search begins.
     fn start(&self) -> f64 {
         0.5 * self.near

@@ -272,15 +272,20 @@ pub(super) fn search(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range:
             return fail(at, why, moves, curve);
         }
         let mut to = at - defocus;
-        let mut is_there = !wide && defocus.abs() < ENDS_WITHIN * tolerance && range.holds(to, tolerance);
+        let mut is_there = defocus.abs() < ENDS_WITHIN * tolerance;
         // Two close readings on both sides of it.
         if let [.., a, b] = curve.as_slice()
-            && !wide
             && a.level == b.level
             && a.value * b.value < 0.0
         {
             to = a.extension_mm + (b.extension_mm - a.extension_mm) * a.value / (a.value - b.value);
             is_there |= (a.extension_mm - b.extension_mm).abs() < BRACKET * tolerance;
+        }
+        if to > range.high + tolerance {
+            return fail(range.high, Failure::TooNear, moves, curve);
+        }
+        if to < range.low - tolerance {
+            return fail(range.low, Failure::BeyondInfinity, moves, curve);
         }
         if wide {
             // Where in the zone the detail is decides where to look closer.
@@ -296,12 +301,6 @@ pub(super) fn search(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range:
             return Ok(Found { zone, extension_mm: to, confidence, failure: None, method: "phase", moves, curve });
         }
         wide = false;
-        if to > range.high + tolerance {
-            return fail(range.high, Failure::TooNear, moves, curve);
-        }
-        if to < range.low - tolerance {
-            return fail(range.low, Failure::BeyondInfinity, moves, curve);
-        }
         if defocus.abs() >= tolerance {
             moves += 1;
             if moves > MOST_MOVES {

@@ -151,24 +151,25 @@ fn covered(i: usize, n: usize) -> impl Iterator<Item = (usize, f32)> {
 
 fn halved(from: &Image, codes: Codes) -> Image {
     let (width, height) = ((from.width / 2).max(1), (from.height / 2).max(1));
-    // Of pictures of an odd width; the pixels of an even one pair up.
-    let across: Vec<Vec<(usize, f32)>> = match from.width % 2 {
-        0 => Vec::new(),
-        _ => (0..width).map(|x| covered(x, from.width).collect()).collect(),
-    };
+    // Of an odd width; the pixels of an even one pair up.
+    let across: Option<Vec<Vec<(usize, f32)>>> =
+        (from.width % 2 == 1).then(|| (0..width).map(|x| covered(x, from.width).collect()).collect());
     let row_of = |y: usize| {
         let mut sums = vec![Vec4::ZERO; width];
         let mut row = Vec::with_capacity(from.width);
         for (source, weight) in covered(y, from.height) {
             linear_row(from, codes, source, &mut row);
-            if across.is_empty() {
-                let half = 0.5 * weight;
-                for (sum, pair) in sums.iter_mut().zip(row.chunks_exact(2)) {
-                    *sum += pair[0] * half + pair[1] * half;
+            match &across {
+                None => {
+                    let half = 0.5 * weight;
+                    for (sum, pair) in sums.iter_mut().zip(row.chunks_exact(2)) {
+                        *sum += pair[0] * half + pair[1] * half;
+                    }
                 }
-            } else {
-                for (sum, covered) in sums.iter_mut().zip(&across) {
-                    *sum += covered.iter().map(|(k, w)| row[*k] * (w * weight)).sum::<Vec4>();
+                Some(across) => {
+                    for (sum, covered) in sums.iter_mut().zip(across) {
+                        *sum += covered.iter().map(|(k, w)| row[*k] * (w * weight)).sum::<Vec4>();
+                    }
                 }
             }
         }

@@ -648,16 +648,18 @@ fn walls_just_before_a_far_lamp_keep_its_light_back() {
     }
 }
 
+/// A wide pane at a height, whose glass lets a fraction through.
+fn pane(d: &mut Description, y: f32, tint: f32) {
+    let mut glass = Principled::new(Color::rgb(tint, tint, tint), 1.5);
+    (glass.transmission, glass.roughness, glass.thin_dielectric) = (Scalar::Constant(1.0), Scalar::Constant(0.0), true);
+    d.materials.push(Material::new("pane", Scattering::Principled(Box::new(glass))));
+    let quad = Quad { corner: Vec3::new(-50.0, y, 50.0), edges: [Vec3::X * 100.0, Vec3::NEG_Z * 100.0] };
+    d.objects.push(Object::new("pane", Shape::Quad(quad), d.materials.len() as u32 - 1));
+}
+
 #[test]
 fn lamps_light_through_panes() {
     let white = || Spectrum::light_from_rgb(Vec3::ONE);
-    let pane = |d: &mut Description, y: f32| {
-        let mut glass = Principled::new(Color::rgb(0.8, 0.8, 0.8), 1.5);
-        (glass.transmission, glass.roughness, glass.thin_dielectric) = (Scalar::Constant(1.0), Scalar::Constant(0.0), true);
-        d.materials.push(Material::new("pane", Scattering::Principled(Box::new(glass))));
-        let quad = Quad { corner: Vec3::new(-50.0, y, 50.0), edges: [Vec3::X * 100.0, Vec3::NEG_Z * 100.0] };
-        d.objects.push(Object::new("pane", Shape::Quad(quad), d.materials.len() as u32 - 1));
-    };
     // A lamp that only aims find, and one that both ways find; right above, a tinted pane lets 0.8 (1 − 0.08 / 1.04) through.
     let point = |d: &mut Description| {
         d.punctual.push(Punctual::new("a", white(), PunctualKind::Point { position: Vec3::Y * 3.0 }));
@@ -675,7 +677,7 @@ fn lamps_light_through_panes() {
         for panes in 0..3u32 {
             let scene = floor_with(|d| {
                 lamp(d);
-                (0..panes).for_each(|i| pane(d, 1.0 + i as f32 * 0.5));
+                (0..panes).for_each(|i| pane(d, 1.0 + i as f32 * 0.5, 0.8));
             });
             // Each pane is an event, and the floor one.
             assert!(panes == 0 || look(&scene, panes) == 0.0, "{name}, {panes} panes: too deep");
@@ -690,13 +692,6 @@ fn lamps_light_through_panes() {
 #[test]
 fn gauze_beyond_a_pane_is_drawn_once() {
     // Half of the rays pass the gauze, also where panes before and behind it divide the way to the lamp.
-    let pane = |d: &mut Description, y: f32| {
-        let mut glass = Principled::new(Color::rgb(1.0, 1.0, 1.0), 1.5);
-        (glass.transmission, glass.roughness, glass.thin_dielectric) = (Scalar::Constant(1.0), Scalar::Constant(0.0), true);
-        d.materials.push(Material::new("pane", Scattering::Principled(Box::new(glass))));
-        let quad = Quad { corner: Vec3::new(-50.0, y, 50.0), edges: [Vec3::X * 100.0, Vec3::NEG_Z * 100.0] };
-        d.objects.push(Object::new("pane", Shape::Quad(quad), d.materials.len() as u32 - 1));
-    };
     let gauze = |d: &mut Description, y: f32| {
         let black = Material::new("gauze", Scattering::Black);
         d.materials.push(Material { coverage: Coverage::Blend(Scalar::Constant(0.5)), ..black });
@@ -709,7 +704,7 @@ fn gauze_beyond_a_pane_is_drawn_once() {
         floor_with(|d| {
             let lamp = PunctualKind::Point { position: Vec3::Y * 3.0 };
             d.punctual.push(Punctual::new("a", Spectrum::light_from_rgb(Vec3::ONE), lamp));
-            [0.8, 1.2, 2.5].iter().for_each(|y| pane(d, *y));
+            [0.8, 1.2, 2.5].iter().for_each(|y| pane(d, *y, 1.0));
             if with_gauze {
                 gauze(d, 2.0);
             }

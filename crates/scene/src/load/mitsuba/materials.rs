@@ -1,7 +1,9 @@
 //! BSDFs and textures.
 //!
 //! Departures: microfacets are GGX whatever `distribution` says; plain `diffuse` reflects on both sides; metals with a `specular_reflectance` follow
-//! Schlick's curve from their color times that scale to 1 at grazing incidence, with what multiple scattering between facets adds; `specular_reflectance` of dielectrics that transmit is left out; `phong` and `ward` are coats of GGX facets, `roughdiffuse` is diffuse. Source: Mitsuba 3, plugin reference (BSDFs, textures).
+//! Schlick's curve from their color times that scale to 1 at grazing incidence, with what multiple scattering between facets adds;
+//! `specular_reflectance` of dielectrics that transmit is left out; `phong` and `ward` are coats of GGX facets, `roughdiffuse` is diffuse.
+//! Source: Mitsuba 3, plugin reference (BSDFs, textures).
 
 use super::context::{Context, DEEPEST};
 use super::tree::Node;
@@ -274,7 +276,7 @@ impl Context<'_> {
                         30.0
                     }
                 };
-                (root(Scalar::Constant((1.0 / (2.0 * exponent + 1.0)).sqrt())), None)
+                (Scalar::Constant((2.0 * exponent + 1.0).powf(-0.25)), None)
             }
         };
         let largest = reflected.max_element();
@@ -284,13 +286,14 @@ impl Context<'_> {
         if largest > NEARLY_EVEN[1] {
             self.skip_unsupported(format!("reflectances above {} of {}", NEARLY_EVEN[1], node.kind()));
         }
+        let shown = largest.min(NEARLY_EVEN[1]);
         // The higher the index, the less reflection grows towards grazing incidence.
-        let normal = largest.clamp(NEARLY_EVEN[0], NEARLY_EVEN[1]);
+        let normal = shown.max(NEARLY_EVEN[0]);
         let ior = (1.0 + normal.sqrt()) / (1.0 - normal.sqrt());
-        let shown = largest.min(normal);
         // The base has what the coat leaves it, where these models add the two.
         let base = base.times(Vec3::splat(1.0 / (1.0 - shown)));
-        let coat = Principled::new(base, ior).with_specular(reflected * (shown / (largest.max(f32::MIN_POSITIVE) * normal)));
+        let reflected = if largest > shown { reflected * (shown / largest) } else { reflected };
+        let coat = Principled::new(base, ior).with_specular(reflected / normal);
         Ok(Surface::of(Scattering::Principled(Box::new(Principled { roughness, anisotropy, ..coat }))))
     }
 
