@@ -33,13 +33,21 @@ pub(super) struct CameraRay {
     /// Factor of each wavelength by the displacement of diffraction, 1 without.
     pub factors: [f32; 4],
     /// How, if so.
-    pub displaced: Option<Displaced>,
-    /// Film points where the light would have arrived without diffraction, mm.
-    pub arrived: [DVec2; 4],
+    pub displacement: Option<Box<Displacement>>,
     /// Pixels where wavelengths arrive, where that is not the pixel itself.
-    pub spread: Option<Spread>,
+    pub spread: Option<Box<Spread>>,
     /// What the lens drew, where light is traced from lamps, too.
-    pub drawn: Option<CameraSample>,
+    pub drawn: Option<Box<CameraSample>>,
+}
+
+// Most samples need none of what is boxed, and all are copied.
+const _: () = assert!(size_of::<CameraRay>() <= 208);
+
+/// How diffraction displaces a sample.
+pub(super) struct Displacement {
+    pub displaced: Displaced,
+    /// Film points where the light would have arrived without it, mm.
+    pub arrived: [DVec2; 4],
 }
 
 /// Where the wavelengths of a sample arrive.
@@ -324,7 +332,7 @@ impl Unit<'_> {
         let drawn = self.light_traced.then(|| {
             let [origin, direction] = [exits.origin[k], exits.direction[k]].map(|v| glam::Vec3::from_array(v).as_dvec3());
             let density = 0.25 * f64::from(exits.density[k].iter().sum::<f32>());
-            CameraSample { origin, direction, ray, time, seconds, density }
+            Box::new(CameraSample { origin, direction, ray, time, seconds, density })
         });
         let exposure = match radiance_only {
             // The mean over what passes, where it was asked for.
@@ -336,13 +344,16 @@ impl Unit<'_> {
             (false, true) => [1.0; 4],
             (false, false) => [exits.weight[k][0]; 4],
         };
-        let arrived = match spread {
-            true => exits.film_points[k].map(|land| glam::Vec2::from_array(land).as_dvec2() + filter),
-            false => [started + filter; 4],
-        };
-        let spread = spread.then_some(Spread { pixels, windows, footprints, time, pupil });
+        let displacement = displaced.map(|displaced| {
+            let arrived = match spread {
+                true => exits.film_points[k].map(|land| glam::Vec2::from_array(land).as_dvec2() + filter),
+                false => [started + filter; 4],
+            };
+            Box::new(Displacement { displaced, arrived })
+        });
+        let spread = spread.then(|| Box::new(Spread { pixels, windows, footprints, time, pupil }));
         let pixel = [x, y];
-        Some(CameraRay { pixel, sampler, ray, wavelengths, exposure, weights, factors, displaced, arrived, spread, drawn })
+        Some(CameraRay { pixel, sampler, ray, wavelengths, exposure, weights, factors, displacement, spread, drawn })
     }
 
     /// The ray of one sample of a pixel through any lens, all wavelengths along that of the lens's reference; `None` where no light comes through.
@@ -399,10 +410,10 @@ impl Unit<'_> {
             exposure: (exposure * self.settings.light_scale) as f32,
             weights: [1.0; 4],
             factors: displaced.map_or([1.0; 4], |d| d.factors([1.0; 4])),
-            displaced,
-            arrived: [arrived; 4],
+            displacement: displaced.map(|displaced| Box::new(Displacement { displaced, arrived: [arrived; 4] })),
             spread: None,
-            drawn: entry.map(|entry| CameraSample { origin, direction, ray, time, seconds, density: entry.density }),
+            drawn: entry
+                .map(|entry| Box::new(CameraSample { origin, direction, ray, time, seconds, density: entry.density })),
         })
     }
 

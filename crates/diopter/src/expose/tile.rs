@@ -177,7 +177,7 @@ impl Unit<'_> {
 
     /// Adds a sample to the sums of the pixels where it lands.
     fn count(&self, ray: &CameraRay, light: &CameraLight, variates: &mut [Variate], sums: &mut TileSums) {
-        let &CameraRay { pixel: [x, y], ref sampler, ref wavelengths, exposure, weights, factors, displaced, .. } = ray;
+        let &CameraRay { pixel: [x, y], ref sampler, ref wavelengths, exposure, weights, factors, .. } = ray;
         let CameraLight { radiance, direct, linear } = light;
         let weighted = (*radiance * wavelengths.weight).to_array();
         // One bad number must not poison a pixel.
@@ -186,16 +186,16 @@ impl Unit<'_> {
         }
         let (half, nm) = (sampler.replicate(), wavelengths.nm.to_array());
         // Without the factors of the displacement: what a sample is must not depend on them.
-        let lamp = displaced.filter(|_| {
+        let lamp = ray.displacement.as_ref().filter(|_| {
             let light = times(weighted, weights);
             self.starbursts && self.is_lamp(|group| self.value(group, nm, light, linear) * exposure)
         });
         let mut counted = factors;
-        if let Some(displaced) = lamp {
+        if let Some(super::camera_rays::Displacement { displaced, arrived }) = lamp.map(|l| &**l) {
             counted = times(factors, displaced.gathered());
             let sent = times(times(weighted, weights), times(factors, displaced.wings()));
             for c in 0..4 {
-                let from = self.camera.pixel_of(ray.arrived[c].as_vec2().to_array());
+                let from = self.camera.pixel_of(arrived[c].as_vec2().to_array());
                 let value = |group: usize| self.value_at(group, nm, c, linear) * (sent[c] * exposure);
                 let direct = direct.map_or(0.0, |fraction| fraction[c]);
                 self.note_starburst(sums, from, half, nm[c], direct, value);

@@ -43,6 +43,15 @@ pub(super) enum Lobes<'a> {
     Measured(MeasuredLobe<'a>),
 }
 
+/// What frames at a point have in common, whatever it is seen from.
+#[derive(Clone, Copy)]
+pub(crate) struct Orientation {
+    /// Outer shading normal, unit.
+    pub(super) ns: Vec3,
+    /// The direction that is to be the local x, as far as it lies in the surface; any without.
+    pub(super) along: Option<Vec3>,
+}
+
 /// The scattering function at a point seen from `wo`.
 pub struct Bsdf<'a> {
     // Written where it is returned: lobes are large, and moving them was 2 % of a sample's time.
@@ -62,9 +71,8 @@ pub(super) struct LocalFrame {
 }
 
 impl LocalFrame {
-    /// `along`: the direction that is to be the local x, as far as it lies in the surface; any without.
     #[inline]
-    pub fn new(surface: &Surface, ns: Vec3, wo: Vec3, along: Option<Vec3>) -> Self {
+    pub fn new(surface: &Surface, Orientation { ns, along }: Orientation, wo: Vec3) -> Self {
         let side = if surface.ng.dot(wo) < 0.0 { -1.0 } else { 1.0 };
         let mut z = ns * side;
         // An interpolated normal can turn away from the viewer: tilt it back just enough to be seen.

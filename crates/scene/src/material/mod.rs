@@ -22,6 +22,7 @@ pub mod principled;
 pub mod sheen;
 
 pub use anisotropy::Anisotropy;
+pub(crate) use bsdf::Orientation;
 pub use bsdf::{Bsdf, Scatter};
 pub use bump::{Bump, BumpUnit};
 pub use coated::CoatedConductor;
@@ -37,6 +38,7 @@ use crate::medium::Medium;
 use crate::shape::Surface;
 use crate::texture::{Color, Lookup, Scalar, Texture};
 use diopter_light::{SampledSpectrum, SampledWavelengths, Spectrum};
+use bsdf::{Lobes, LocalFrame};
 use glam::{Vec2, Vec3};
 use inputs::{inputs_enum, inputs_struct};
 use std::sync::Arc;
@@ -393,31 +395,55 @@ impl Material {
         }
         let ns = self.shading_normal(surface);
         if let Scattering::Hair(hair) = scattering {
-            let frame = bsdf::LocalFrame::along_fiber(surface, ns, wo);
+            let frame = LocalFrame::along_fiber(surface, ns, wo);
             // v grows along n × t times the handedness, negative as glTF counts; seen from behind it runs the other way.
             let side = if surface.ng.dot(wo) < 0.0 { surface.handedness } else { -surface.handedness };
             let h = (2.0 * surface.uv[0].y - 1.0) * side;
-            return Some(Bsdf { lobes: bsdf::Lobes::Hair(hair.at(surface, h, frame.wo, wavelengths)), frame });
+            return Some(Bsdf { lobes: Lobes::Hair(hair.at(surface, h, frame.wo, wavelengths)), frame });
         }
-        let frame = bsdf::LocalFrame::new(surface, ns, wo, scattering.anisotropy(surface, ns));
+        let frame = LocalFrame::new(surface, Orientation { ns, along: scattering.anisotropy(surface, ns) }, wo);
         Some(match scattering {
             Scattering::Black | Scattering::Interface | Scattering::Mix(_) | Scattering::Hair(_) => return None,
             Scattering::Diffuse(color) => {
-                Bsdf { lobes: bsdf::Lobes::Diffuse { albedo: color.sample(surface, wavelengths) }, frame }
+                Bsdf { lobes: Lobes::Diffuse { albedo: color.sample(surface, wavelengths) }, frame }
             }
             Scattering::DiffuseTransmission(colors) => {
                 let [reflectance, transmittance] = [0, 1].map(|i: usize| colors[i].sample(surface, wavelengths));
-                Bsdf { lobes: bsdf::Lobes::DiffuseTransmission { reflectance, transmittance }, frame }
+                Bsdf { lobes: Lobes::DiffuseTransmission { reflectance, transmittance }, frame }
             }
-            Scattering::Conductor(conductor) => Bsdf { lobes: bsdf::Lobes::Conductor(conductor.at(surface, wavelengths)), frame },
-            Scattering::Coated(coated) => Bsdf { lobes: bsdf::Lobes::Coated(coated.at(surface, wavelengths)), frame },
-            Scattering::Measured(measured) => Bsdf { lobes: bsdf::Lobes::Measured(measured.at(frame.wo, wavelengths)), frame },
+            Scattering::Conductor(conductor) => Bsdf { lobes: Lobes::Conductor(conductor.at(surface, wavelengths)), frame },
+            Scattering::Coated(coated) => Bsdf { lobes: Lobes::Coated(coated.at(surface, wavelengths)), frame },
+            Scattering::Measured(measured) => Bsdf { lobes: Lobes::Measured(measured.at(frame.wo, wavelengths)), frame },
             Scattering::Principled(principled) => {
                 let mut lobes = principled.at(surface, wo, wavelengths, hero_only, around);
                 lobes.look_from(frame.wo);
-                Bsdf { lobes: bsdf::Lobes::Principled(lobes), frame }
+                Bsdf { lobes: Lobes::Principled(lobes), frame }
             }
         })
+    }
+
+    /// How the frames of its scattering functions lie at a point; not of mixtures and of fibres.
+    pub(crate) fn orientation(&self, surface: &Surface) -> Orientation {
+        let ns = self.shading_normal(surface);
+        Orientation { ns, along: self.scattering.anisotropy(surface, ns) }
+    }
+
+    /// Turns a scattering function that this material has at a point to another direction `wo` on the side from which it was seen: bit by bit that of [`Material::bsdf`], without looking
+    /// up again what does not depend on the direction. Not for mixtures and fibres.
+    pub(crate) fn turn<'a>(
+        &'a self,
+        bsdf: &mut Bsdf<'a>,
+        surface: &Surface,
+        orientation: Orientation,
+        wo: Vec3,
+        wavelengths: &SampledWavelengths,
+    ) {
+        bsdf.frame = LocalFrame::new(surface, orientation, wo);
+        match (&mut bsdf.lobes, &self.scattering) {
+            (Lobes::Principled(lobes), _) => lobes.look_from(bsdf.frame.wo),
+            (Lobes::Measured(lobe), Scattering::Measured(measured)) => *lobe = measured.at(bsdf.frame.wo, wavelengths),
+            _ => {}
+        }
     }
 
     /// Density (1/sr) with which the scattering function seen from `wo` draws the direction `wi`; 0 for mirrors and where the surface only absorbs.
@@ -432,7 +458,10 @@ impl Material {
         around: Option<&Principled>,
     ) -> f32 {
         match &self.scattering {
-            Scattering::Diffuse(_) => bsdf::LocalFrame::new(surface, self.shading_normal(surface), wo, None).cosine_density(wi),
+            Scattering::Diffuse(_) => {
+                let orientation = Orientation { ns: self.shading_normal(surface), along: None };
+                LocalFrame::new(surface, orientation, wo).cosine_density(wi)
+            }
             _ => self.bsdf(surface, wo, wavelengths, false, around).map_or(0.0, |b| b.eval(wi).1),
         }
     }

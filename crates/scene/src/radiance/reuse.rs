@@ -15,7 +15,7 @@
 use super::CameraPath;
 use super::path::{Arrival, Next, Path, Transport};
 use super::tally::Divisible;
-use crate::material::{Bsdf, Coverage, Material, Scatter};
+use crate::material::{Bsdf, Coverage, Material, Orientation, Scatter};
 use crate::scene::{Object, Scene, Shape};
 use crate::shape::{Surface, offset_origin};
 use diopter_light::random::Dimensions;
@@ -77,6 +77,8 @@ struct Donor<'a> {
     ns: Vec3,
     wavelengths: &'a SampledWavelengths,
     hero_only: bool,
+    /// Its scattering function, which is turned to each receiver, where that takes more than a diffuse albedo.
+    bsdf: Option<Box<(Bsdf<'a>, Orientation)>>,
     /// Light that was found there: of a lamp, and where the path went on.
     found: [Found; 2],
     /// What of it goes to its own receiver, and to the others, too: radiance.
@@ -152,7 +154,7 @@ impl<'a> Transport<'a> {
         for (number, camera) in cameras.iter().enumerate() {
             tallies.push(self.follow_divided(camera, tally(), number, &mut receivers, &mut donors));
         }
-        self.lend(&receivers, &donors, &mut tallies);
+        self.lend(&receivers, &mut donors, &mut tallies);
         tallies
     }
 
@@ -209,10 +211,14 @@ impl<'a> Transport<'a> {
             let lends =
                 here.bsdf.only_reflects() && !here.bsdf.is_specular() && !here.surface.is_strand() && !here.material.is_mixed();
             // The path itself may have gone through a blended surface.
-            match lends && (!blends || !self.is_hidden(start, end, time_s)) {
-                true => self.scatter_apart(path, &here, number, &mut donor, &mut suspended),
-                false => self.scatter_light(path, &here.vertex()),
+            if !lends || blends && self.is_hidden(start, end, time_s) {
+                return self.scatter_light(path, &here.vertex());
             }
+            let next = self.scatter_apart(path, &here, number, &mut donor, &mut suspended);
+            if let (Some(donor), None) = (&mut donor, here.bsdf.diffuse_albedo()) {
+                donor.bsdf = Some(Box::new((here.bsdf, here.material.orientation(here.surface))));
+            }
+            next
         });
         self.connect_to_light(&mut path);
         let (mut next, mut before_surface) = (next, None);
@@ -280,6 +286,7 @@ impl<'a> Transport<'a> {
             ns: bsdf.shading_normal(),
             wavelengths: &path.camera.wavelengths,
             hero_only: path.hero_only,
+            bsdf: None,
             is_diffuse: bsdf.diffuse_albedo().is_some() && bsdf.shading_normal().dot(vertex.wo) >= UNTILTED,
             found: [by_light, Found::default()],
             radiance: broad * by_light.light,
@@ -307,7 +314,7 @@ impl<'a> Transport<'a> {
     }
 
     /// Adds what all donors bring to all receivers.
-    fn lend<T: Divisible>(&self, receivers: &Receivers<'a>, donors: &[Donor<'a>], tallies: &mut [T]) {
+    fn lend<T: Divisible>(&self, receivers: &Receivers<'a>, donors: &mut [Donor<'a>], tallies: &mut [T]) {
         let mut lent = Vec::with_capacity(receivers.all.len());
         for donor in donors {
             let Some(own) = receivers.all.iter().find(|r| r.path == donor.path) else { continue };
@@ -362,16 +369,33 @@ impl<'a> Transport<'a> {
 
     /// Radiance from a donor towards `wo` that is lent by the density of the donor; what is lent by the joint density, and the density of the further direction.
     #[inline(never)]
-    fn radiance_towards(&self, donor: &Donor<'a>, wo: Vec3) -> (SampledSpectrum, (SampledSpectrum, f32)) {
-        let none = (SampledSpectrum::ZERO, 0.0);
-        let seen = donor.material.bsdf(&donor.surface, wo, donor.wavelengths, donor.hero_only, None);
-        let Some(bsdf) = seen else { return (SampledSpectrum::ZERO, none) };
-        let further = donor.further.map_or(none, |(wi, light)| {
-            let (f, density) = bsdf.eval(wi);
-            (f * light, density)
-        });
-        (donor.found.iter().map(|found| found.response(&bsdf) * found.light).sum(), further)
+    fn radiance_towards(&self, donor: &mut Donor<'a>, wo: Vec3) -> (SampledSpectrum, (SampledSpectrum, f32)) {
+        let (material, wavelengths) = (donor.material, donor.wavelengths);
+        match &mut donor.bsdf {
+            Some(turned) => {
+                let (bsdf, orientation) = &mut **turned;
+                material.turn(bsdf, &donor.surface, *orientation, wo, wavelengths);
+                lent_by(&donor.found, donor.further, bsdf)
+            }
+            None => match material.bsdf(&donor.surface, wo, wavelengths, donor.hero_only, None) {
+                Some(bsdf) => lent_by(&donor.found, donor.further, &bsdf),
+                None => (SampledSpectrum::ZERO, (SampledSpectrum::ZERO, 0.0)),
+            },
+        }
     }
+}
+
+/// What a scattering function sends on of the light that was found there, by the density of the donor, and by the joint density; the density of the further direction.
+fn lent_by(
+    found: &[Found; 2],
+    further: Option<(Vec3, SampledSpectrum)>,
+    bsdf: &Bsdf,
+) -> (SampledSpectrum, (SampledSpectrum, f32)) {
+    let further = further.map_or((SampledSpectrum::ZERO, 0.0), |(wi, light)| {
+        let (f, density) = bsdf.eval(wi);
+        (f * light, density)
+    });
+    (found.iter().map(|found| found.response(bsdf) * found.light).sum(), further)
 }
 
 impl Donor<'_> {
