@@ -412,8 +412,7 @@ impl Unit<'_> {
             factors: displaced.map_or([1.0; 4], |d| d.factors([1.0; 4])),
             displacement: displaced.map(|displaced| Box::new(Displacement { displaced, arrived: [arrived; 4] })),
             spread: None,
-            drawn: entry
-                .map(|entry| Box::new(CameraSample { origin, direction, ray, time, seconds, density: entry.density })),
+            drawn: entry.map(|entry| Box::new(CameraSample { origin, direction, ray, time, seconds, density: entry.density })),
         })
     }
 

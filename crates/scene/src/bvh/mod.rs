@@ -1,6 +1,6 @@
 //! Bounding volume hierarchy: eight boxes a node, eight triangles a leaf block.
 //!
-//! `build` makes it with the builder of `obvhs`; `traverse` follows rays through it with our own SIMD code. A hierarchy
+//! `build` makes it with the builder of `obvhs`; `traverse` follows rays through it with our own SIMD code, `packet` many shadow rays at once. A hierarchy
 //! holds triangles (copied into blocks, so that a hit touches no mesh memory) and *others*: things only their owner can
 //! intersect (instances, spheres, quads), reached through [`Filter`]. Nothing outside this folder knows the layout.
 //!
@@ -12,6 +12,7 @@
 //! Ray/Triangle Intersection", JCGT 2(1)). Boxes are widened by the rounding error of their test (Ize 2013, JCGT 2(2)).
 
 mod build;
+pub mod packet;
 mod traverse;
 
 use glam::{Affine3A, Vec3};

@@ -8,9 +8,9 @@ use std::sync::OnceLock;
 /// Children waiting on the way down that fit the array; a power of two. More go to the heap.
 const STACK: usize = 64;
 /// 1 + 2γ₃: what the box test may be off by (Ize 2013).
-const WIDEN: f32 = 1.000_000_8;
+pub(super) const WIDEN: f32 = 1.000_000_8;
 
-fn level() -> Level {
+pub(super) fn level() -> Level {
     static LEVEL: OnceLock<Level> = OnceLock::new();
     *LEVEL.get_or_init(Level::new)
 }
@@ -131,7 +131,7 @@ struct Boxes<'a> {
 }
 
 /// A ray prepared for both tests.
-struct Prepared<S: Simd> {
+pub(super) struct Prepared<S: Simd> {
     origin: [f32x8<S>; 3],
     inverse: [f32x8<S>; 3],
     /// Row of `Node::bounds` with the near and the far plane of each axis.
@@ -146,7 +146,7 @@ struct Prepared<S: Simd> {
 // for every operation: within these functions everything is spelt out.
 impl<S: Simd> Prepared<S> {
     #[inline(always)]
-    fn new(simd: S, origin: Vec3, direction: Vec3, fraction: f32) -> Self {
+    pub fn new(simd: S, origin: Vec3, direction: Vec3, fraction: f32) -> Self {
         let shear = Shear::new(direction);
         let (x, y, z) = (direction.x, direction.y, direction.z);
         let (nx, ny, nz) = (x.is_sign_negative() as usize, y.is_sign_negative() as usize, z.is_sign_negative() as usize);
@@ -235,7 +235,7 @@ impl<S: Simd> Prepared<S> {
 
 /// A direction along a plane must not make 0 · ∞.
 #[inline(always)]
-fn not_zero(d: f32) -> f32 {
+pub(super) fn not_zero(d: f32) -> f32 {
     if d.abs() < 1e-20 { 1e-20f32.copysign(d) } else { d }
 }
 
@@ -254,6 +254,19 @@ fn traverse<S: Simd, F: Filter, const ANY: bool, const MOVES: bool>(
         return None;
     }
     let ray = Prepared::new(simd, origin, direction, fraction);
+    traverse_from::<_, _, ANY, MOVES>(simd, bvh, Child::node(0), &ray, t_max, filter)
+}
+
+/// The same of what lies below a child.
+#[inline(always)]
+pub(super) fn traverse_from<S: Simd, F: Filter, const ANY: bool, const MOVES: bool>(
+    simd: S,
+    bvh: &Bvh,
+    child: Child,
+    ray: &Prepared<S>,
+    t_max: f32,
+    filter: &F,
+) -> Option<Hit> {
     let mut best: Option<Hit> = None;
     let mut limit = t_max;
     // Entries hold the distance of entry above and the child below: distances are not negative, so their bits are ordered
@@ -262,7 +275,7 @@ fn traverse<S: Simd, F: Filter, const ANY: bool, const MOVES: bool>(
     let mut spilled: Vec<u64> = Vec::new();
     let mut top = 0;
     // What comes next without a detour over the stack.
-    let mut next = Some(Child::node(0).0 as u64);
+    let mut next = Some(child.0 as u64);
     loop {
         let entry = match next.take() {
             Some(entry) => entry,

@@ -37,8 +37,8 @@ use crate::light::modulation::Modulation;
 use crate::medium::Medium;
 use crate::shape::Surface;
 use crate::texture::{Color, Lookup, Scalar, Texture};
-use diopter_light::{SampledSpectrum, SampledWavelengths, Spectrum};
 use bsdf::{Lobes, LocalFrame};
+use diopter_light::{SampledSpectrum, SampledWavelengths, Spectrum};
 use glam::{Vec2, Vec3};
 use inputs::{inputs_enum, inputs_struct};
 use std::sync::Arc;
@@ -404,9 +404,7 @@ impl Material {
         let frame = LocalFrame::new(surface, Orientation { ns, along: scattering.anisotropy(surface, ns) }, wo);
         Some(match scattering {
             Scattering::Black | Scattering::Interface | Scattering::Mix(_) | Scattering::Hair(_) => return None,
-            Scattering::Diffuse(color) => {
-                Bsdf { lobes: Lobes::Diffuse { albedo: color.sample(surface, wavelengths) }, frame }
-            }
+            Scattering::Diffuse(color) => Bsdf { lobes: Lobes::Diffuse { albedo: color.sample(surface, wavelengths) }, frame },
             Scattering::DiffuseTransmission(colors) => {
                 let [reflectance, transmittance] = [0, 1].map(|i: usize| colors[i].sample(surface, wavelengths));
                 Bsdf { lobes: Lobes::DiffuseTransmission { reflectance, transmittance }, frame }

@@ -65,6 +65,26 @@ struct Receivers<'a> {
     bsdfs: Vec<Bsdf<'a>>,
 }
 
+/// A receiver that a donor faces.
+struct Faced<'r> {
+    receiver: &'r Receiver,
+    /// Unit direction towards the donor.
+    wi: Vec3,
+    /// f cos θ of that direction, and its density, 1/sr.
+    f: SampledSpectrum,
+    pdf: f32,
+    /// Solid angle of an area at the donor, 1/m².
+    geometry: f32,
+}
+
+/// A shadow ray by its ends, and its length, m.
+#[inline(always)]
+fn segment(start: Vec3, end: Vec3, time_s: f32) -> (Ray, f32) {
+    let to_end = end - start;
+    let distance = to_end.length();
+    (Ray { origin: start, direction: to_end / distance, time_s }, distance)
+}
+
 /// A surface that a path of the group found behind its receiver.
 struct Donor<'a> {
     path: usize,
@@ -315,12 +335,12 @@ impl<'a> Transport<'a> {
 
     /// Adds what all donors bring to all receivers.
     fn lend<T: Divisible>(&self, receivers: &Receivers<'a>, donors: &mut [Donor<'a>], tallies: &mut [T]) {
+        let mut faced: Vec<Faced> = Vec::with_capacity(receivers.all.len());
+        let mut shadow_rays = Vec::with_capacity(receivers.all.len());
         let mut lent = Vec::with_capacity(receivers.all.len());
         for donor in donors {
             let Some(own) = receivers.all.iter().find(|r| r.path == donor.path) else { continue };
-            // Of the donor, and of it and the direction in which its path went on.
-            let (mut density, mut joint_density) = (0.0, 0.0);
-            lent.clear();
+            (faced.clear(), shadow_rays.clear(), lent.clear());
             for (receiver, bsdf) in receivers.all.iter().zip(&receivers.bsdfs).filter(|(r, _)| r.depth == own.depth) {
                 let to_donor = donor.surface.point - receiver.point;
                 let squared = to_donor.length_squared();
@@ -333,11 +353,19 @@ impl<'a> Transport<'a> {
                 if f == SampledSpectrum::ZERO {
                     continue;
                 }
+                faced.push(Faced { receiver, wi, f, pdf, geometry: facing / squared });
+                if receiver.path != donor.path {
+                    shadow_rays.push(segment(receiver.origin, donor.end, receiver.time_s));
+                }
+            }
+            let mut hidden = self.scene.may_be_occluded_many(&shadow_rays).into_iter();
+            // Of the donor, and of it and the direction in which its path went on.
+            let (mut density, mut joint_density) = (0.0, 0.0);
+            for &Faced { receiver, wi, f, pdf, geometry } in &faced {
                 let is_own = receiver.path == donor.path;
-                if !is_own && self.is_hidden(receiver.origin, donor.end, receiver.time_s) {
+                if !is_own && hidden.next().unwrap_or(true) {
                     continue;
                 }
-                let geometry = facing / squared;
                 density += pdf * geometry;
                 let (radiance, further) = match donor.further.is_none() && (is_own || donor.is_alike_from(-wi)) {
                     true => (donor.radiance, (SampledSpectrum::ZERO, 0.0)),
@@ -361,9 +389,7 @@ impl<'a> Transport<'a> {
     /// Whether something stands, or may stand, between a receiver and a donor, by the ends of their shadow ray.
     #[inline(always)]
     fn is_hidden(&self, start: Vec3, end: Vec3, time_s: f32) -> bool {
-        let to_end = end - start;
-        let distance = to_end.length();
-        let ray = Ray { origin: start, direction: to_end / distance, time_s };
+        let (ray, distance) = segment(start, end, time_s);
         self.scene.may_be_occluded(&ray, distance)
     }
 

@@ -1,6 +1,7 @@
 //! Rays against everything in a scene, and what is known of the place that they meet.
 
 use super::{Object, Scene, Shape};
+use crate::bvh::packet::PACKET;
 use crate::bvh::{Bvh, Filter, Hit};
 use crate::material::{Coverage, Material};
 use crate::shape::{Detail, Mesh, Surface};
@@ -42,6 +43,18 @@ impl Scene {
     pub(crate) fn may_be_occluded(&self, ray: &Ray, t_max: f32) -> bool {
         self.built.top.any(ray.origin, ray.direction, t_max, &TopFilter { scene: self, ray, blends_block: true })
             || !self.posed.animated.is_empty() && self.occluded(ray, t_max)
+    }
+
+    /// The same of rays that run close together, each up to an end (m).
+    pub(crate) fn may_be_occluded_many(&self, rays: &[(Ray, f32)]) -> Vec<bool> {
+        let mut occluded = Vec::with_capacity(rays.len());
+        for rays in rays.chunks(PACKET) {
+            let filter = |k: usize| TopFilter { scene: self, ray: &rays[k].0, blends_block: true };
+            let met = self.built.top.any_of(rays, filter);
+            let is_met = |k: usize| met >> k & 1 == 1 || !self.posed.animated.is_empty() && self.occluded(&rays[k].0, rays[k].1);
+            occluded.extend((0..rays.len()).map(is_met));
+        }
+        occluded
     }
 
     /// Visibility along a shadow ray up to `t_max` (m), as far as one any-hit query tells.
