@@ -30,6 +30,7 @@ pub use diffraction::{Diffraction, diffraction_shows};
 pub use error::ExposeError;
 pub use fireflies::{Fireflies, SUMS_WITH_CASCADE};
 pub use frames::Frames;
+pub(crate) use integrator::may_make_photons;
 pub use paged::{ExposedPaged, ExposedRows};
 pub use response::{Analyzer, Response};
 pub use settings::{Half, Integrator, Settings};

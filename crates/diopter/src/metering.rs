@@ -12,7 +12,7 @@
 //! Nikon, D810 manual (12 mm circle, 75 %; spot 4 mm). The matrix pattern is our own, makers keep theirs to themselves.
 
 use crate::camera::{Camera, Film};
-use crate::expose::{ExposeError, ProgressReporter, Response, Settings, expose};
+use crate::expose::{ExposeError, ProgressReporter, Response, Settings, expose, may_make_photons};
 use crate::shutter::Shutter;
 use diopter_image::{ExposureFacts, FocalPlane, RawImage};
 use diopter_light::cie;
@@ -22,15 +22,22 @@ use diopter_scene::Scene;
 use diopter_sensor::{Reading, Sensor, calibration, read_out};
 use glam::{DMat4, DVec4};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Reflected-light meter constant, cd·s/(m²·lx·s), as most makers use it. Source: ISO 2720.
 pub const K: f64 = 12.5;
 
 /// Pixels across a probe exposure, and its samples a pixel. Both are the meter's own: what is metered depends neither on the number nor on
 /// the range of the picture's samples, so parts of an exposure are exposed alike. 16 samples of 96 × 64 pixels are 1e5 paths (0.1 s of
-/// a simple scene); the spot (90 of these pixels) then reads a light whose paths scatter by 100 % within 0.04 EV (one deviation).
+/// a simple scene).
 const PROBE_COLUMNS: usize = 96;
 const PROBE_SAMPLES: u32 = 16;
+/// The same of the spot, of which alone pixels are exposed, and its paths: those within its circle read a light whose paths scatter by 100 % within 0.006 EV (one deviation).
+const SPOT_COLUMNS: usize = 16;
+const SPOT_PATHS: usize = 1 << 16;
+/// This part of the samples is enough where it tells what the pattern reads within that, as a fraction (one deviation): 0.015 EV.
+const FIRST_OF: u32 = 4;
+const ENOUGH: f64 = 0.0105;
 /// Readings until two agree; within so much, EV.
 const MOST_READINGS: u64 = 16;
 const AGREE_EV: f64 = 0.02;
@@ -122,17 +129,58 @@ fn probing(camera: &Camera) -> Camera {
     Camera { film, ..camera.clone() }
 }
 
-/// What a [`probing`] camera sees: few samples, a second of light at once.
+/// A part of the picture as it is metered.
+struct Probe {
+    camera: Camera,
+    /// `[left, top, width, height]`, fractions of the picture.
+    piece: [f64; 4],
+    /// Samples a pixel.
+    samples: u32,
+    /// Fraction of each pixel that is no void ([`seen`]).
+    seen: Vec<f64>,
+}
+
+impl Probe {
+    /// The whole picture.
+    fn whole(scene: &Scene, camera: &Camera) -> Probe {
+        let camera = probing(camera);
+        Probe { piece: [0.0, 0.0, 1.0, 1.0], samples: PROBE_SAMPLES, seen: seen(scene, &camera), camera }
+    }
+
+    /// The square about the spot, as far as it lies in the picture; `None` where the whole picture shows nothing there.
+    fn spot(&self, scene: &Scene, at: [f64; 2]) -> Option<Probe> {
+        let film = &self.camera.film;
+        let size = [SPOT_CIRCLE, SPOT_CIRCLE * film.width_mm / film.height_mm];
+        let from = [0, 1].map(|k| (at[k] - 0.5 * size[k]).clamp(0.0, 1.0));
+        let extent = [0, 1].map(|k| (at[k] + 0.5 * size[k]).clamp(0.0, 1.0) - from[k]);
+        let [columns, rows] = [0, 1].map(|k| (SPOT_COLUMNS as f64 * extent[k] / size[k] / 2.0).round() as usize * 2);
+        let cells = Cells::of(self);
+        let is_there = |i: usize| self.seen[i] > 0.0 && cells.distance(i, at) <= 0.5 * SPOT_CIRCLE;
+        if columns == 0 || rows == 0 || !(0..self.seen.len()).any(is_there) {
+            return None;
+        }
+        let piece = [from[0], from[1], extent[0], extent[1]];
+        let Film { center_mm, width_mm, height_mm, .. } = film.piece(piece, columns, rows);
+        let film = Film { center_mm, width_mm, height_mm, columns, rows, ..*film };
+        let camera = Camera { film, ..self.camera.clone() };
+        // At the margin of the picture the same paths go through fewer pixels.
+        let samples = (SPOT_PATHS / (columns * rows)).next_power_of_two() as u32;
+        Some(Probe { seen: seen(scene, &camera), camera, piece, samples })
+    }
+}
+
+/// What a camera sees that meters: few samples, a second of light at once. `samples`: which of how many a pixel.
 fn probe(
     scene: &Scene,
     camera: &Camera,
     settings: &Settings,
     response: &Response,
+    (samples, spp): (Range<u32>, u32),
     watch: &ProgressReporter,
 ) -> Result<FocalPlane, ExposeError> {
     let settings = Settings {
-        spp: PROBE_SAMPLES,
-        samples: 0..PROBE_SAMPLES,
+        spp,
+        samples,
         time_limit_s: None,
         truth: false,
         means_only: true,
@@ -171,7 +219,7 @@ pub fn mean_luminance(scene: &Scene, camera: &Camera, settings: &Settings, watch
     let camera = probing(camera);
     // Of the scene, not of what a polariser leaves of it.
     let settings = Settings { polarizer: None, ..settings.clone() };
-    let plane = probe(scene, &camera, &settings, &Response::luminance(), watch)?.mean;
+    let plane = probe(scene, &camera, &settings, &Response::luminance(), (0..PROBE_SAMPLES, PROBE_SAMPLES), watch)?.mean;
     let (mut sum, mut lit) = (0.0, 0.0);
     // A cell without light may be a dark part of the scene: only the lens tells.
     let place = |i: usize| [(i % plane.width) as f64, (i / plane.width) as f64];
@@ -206,7 +254,9 @@ const SATURATED: f64 = 0.99;
 struct Cells {
     columns: usize,
     rows: usize,
-    /// Rows over columns of the picture.
+    /// Which part of the picture they cover: `[left, top, width, height]`, fractions.
+    piece: [f64; 4],
+    /// Height over width of the picture.
     shape: f64,
     /// cd/m²; may be negative by noise.
     luminance: Vec<f64>,
@@ -226,13 +276,17 @@ impl Meter<'_> {
         white: &Table,
         watch: &ProgressReporter,
     ) -> Result<Option<f64>, ExposeError> {
-        let probing = probing(camera);
-        let mut plane = probe(scene, &probing, settings, &Response::sensor(self.sensor), watch)?;
-        plane.mean.data.iter_mut().for_each(|v| *v *= self.filter as f32);
-        let per_second = plane.mean.data.clone();
-        let seen = seen(scene, &probing);
+        let mut probe = Probe::whole(scene, camera);
+        if self.pattern == Pattern::Spot
+            && let Some(spot) = probe.spot(scene, self.at)
+        {
+            probe = spot;
+        }
         let t_number = camera.lens.t_number();
         let scale = self.luminance_of_channels(camera, t_number);
+        let mut plane = self.probe(scene, &probe, settings, &scale, watch)?;
+        plane.mean.data.iter_mut().for_each(|v| *v *= self.filter as f32);
+        let per_second = plane.mean.data.clone();
         let iso = self.reading.iso;
         let Ok(step) = self.sensor.at_iso(iso) else { return Ok(None) };
         let mut time = shutter_for(10.0, t_number, iso);
@@ -243,7 +297,7 @@ impl Meter<'_> {
             plane.facts.exposure_s = time;
             let reading = Reading { seed: self.reading.seed.wrapping_add(k << 32 | 0x3e7e5), ..self.reading.clone() };
             let Ok(raw) = read_out(&plane, self.sensor, &reading, white) else { return Ok(None) };
-            let mut cells = Cells::new(&raw, &seen, &scale, step.gain_e_per_dn / time);
+            let mut cells = Cells::new(&raw, &probe, &scale, step.gain_e_per_dn / time);
             cells.remember(&mut brightest);
             let wanted = self.wanted_time(&cells, time, t_number);
             let Some(wanted) = wanted else {
@@ -262,6 +316,41 @@ impl Meter<'_> {
             time = wanted.clamp(time / MOST_CHANGE, time * MOST_CHANGE).min(LONGEST_S);
         }
         Ok(last.map(|t| ev100_of_setting(t_number, t, iso)))
+    }
+
+    /// What is seen of as many samples as the pattern needs.
+    fn probe(
+        &self,
+        scene: &Scene,
+        of: &Probe,
+        settings: &Settings,
+        scale: &[f64],
+        watch: &ProgressReporter,
+    ) -> Result<FocalPlane, ExposeError> {
+        let (response, all) = (Response::sensor(self.sensor), of.samples);
+        // Noise of single cells shifts what is no mean; photons take as long for few samples as for all.
+        let at_once =
+            matches!(self.pattern, Pattern::Matrix | Pattern::Highlight) || may_make_photons(scene, settings.integrator);
+        let first = if at_once { all } else { all / FIRST_OF };
+        let begun = probe(scene, &of.camera, settings, &response, (0..first, all), watch)?;
+        if first == all || self.deviation(&begun, of, scale).is_some_and(|deviation| deviation < ENOUGH) {
+            return Ok(begun);
+        }
+        let rest = probe(scene, &of.camera, settings, &response, (first..all, all), watch)?;
+        Ok(FocalPlane::merge(&[begun, rest]).expect("two parts of one exposure"))
+    }
+
+    /// Standard deviation of what the pattern reads of a plane, as a fraction; `None` of patterns that are no means, and in the dark.
+    fn deviation(&self, plane: &FocalPlane, of: &Probe, scale: &[f64]) -> Option<f64> {
+        let luminance = |data: &[f32]| -> Vec<f64> {
+            data.chunks_exact(scale.len()).map(|p| p.iter().zip(scale).map(|(e, s)| f64::from(*e) * s).sum()).collect()
+        };
+        let cells = Cells { luminance: luminance(&plane.mean.data), ..Cells::of(of) };
+        let weights = cells.weights(self.pattern, self.at)?;
+        let mean: f64 = weights.iter().zip(&cells.luminance).map(|(w, l)| w * l).sum();
+        let half_differences = luminance(&plane.half_difference.data);
+        let variance: f64 = weights.iter().zip(&half_differences).map(|(w, d)| (w * d).powi(2)).sum();
+        (mean > 0.0).then(|| variance.sqrt() / mean)
     }
 
     /// cd/m² that an electron a second stands for, a channel each, so that their sum is the luminance: fitted over the patches of a colour
@@ -312,9 +401,17 @@ impl Meter<'_> {
 }
 
 impl Cells {
+    /// The pixels themselves, without what is seen there.
+    fn of(probe: &Probe) -> Cells {
+        let film = &probe.camera.film;
+        let (seen, [.., width, height]) = (probe.seen.clone(), probe.piece);
+        let shape = film.height_mm / height / (film.width_mm / width);
+        Cells { columns: film.columns, rows: film.rows, piece: probe.piece, shape, luminance: vec![], level: vec![], seen }
+    }
+
     /// Cells as large as the colour pattern, at least 2 × 2 pixels. `scale`: cd/m² an electron a second stands for, a channel each;
-    /// `per_dn`: electrons a second that a DN stands for; `seen`: fraction of each pixel that is no void.
-    fn new(raw: &RawImage, seen: &[f64], scale: &[f64], per_dn: f64) -> Cells {
+    /// `per_dn`: electrons a second that a DN stands for.
+    fn new(raw: &RawImage, probe: &Probe, scale: &[f64], per_dn: f64) -> Cells {
         let h = &raw.header;
         let side = h.cfa.columns().max(h.cfa.rows()).max(2);
         let (columns, rows) = ((raw.mosaic.width / side).max(1), (raw.mosaic.height / side).max(1));
@@ -329,7 +426,7 @@ impl Cells {
                         let c = h.cfa.channel_at(x, y);
                         sums[c] += f64::from(raw.mosaic.data[y * raw.mosaic.width + x]) - h.black_level;
                         counts[c] += 1.0;
-                        there += seen.get(y * raw.mosaic.width + x).copied().unwrap_or(1.0);
+                        there += probe.seen.get(y * raw.mosaic.width + x).copied().unwrap_or(1.0);
                     }
                 }
                 let mean: Vec<f64> = (0..n).map(|c| if counts[c] > 0.0 { sums[c] / counts[c] } else { 0.0 }).collect();
@@ -338,8 +435,7 @@ impl Cells {
                 fractions.push(there / counts.iter().sum::<f64>().max(1.0));
             }
         }
-        let shape = raw.mosaic.height as f64 / raw.mosaic.width as f64;
-        Cells { columns, rows, shape, luminance, level, seen: fractions }
+        Cells { columns, rows, luminance, level, seen: fractions, ..Cells::of(probe) }
     }
 
     /// What is saturated is at least as bright as a shorter reading found: without that, a small lamp in the dark would count for less and less as
@@ -357,50 +453,67 @@ impl Cells {
         }
     }
 
-    /// Mean by a pattern's weights over what is no void; the plain one where a pattern looks at nothing else.
-    ///
-    /// A cell that is partly void is as dark as its luminance says but counts by its fraction alone: the mean is a quotient of two sums.
-    fn luminance_by(&self, pattern: Pattern, at: [f64; 2]) -> f64 {
-        let middle = if pattern == Pattern::Spot { at } else { [0.5; 2] };
-        // Distance from the middle in widths of the picture.
-        let distance = |i: usize| {
-            let x = (i % self.columns) as f64 + 0.5;
-            let y = (i / self.columns) as f64 + 0.5;
-            (x / self.columns as f64 - middle[0]).hypot((y / self.rows as f64 - middle[1]) * self.shape)
-        };
+    /// Distance of a cell from a place of the picture in widths of the picture.
+    fn distance(&self, i: usize, from: [f64; 2]) -> f64 {
+        let [left, top, width, height] = self.piece;
+        let x = left + width * ((i % self.columns) as f64 + 0.5) / self.columns as f64;
+        let y = top + height * ((i / self.columns) as f64 + 0.5) / self.rows as f64;
+        (x - from[0]).hypot((y - from[1]) * self.shape)
+    }
+
+    /// Weights of the luminances by `weight`, so that they give the mean over what is no void: a cell that is partly void is as dark as its luminance says but counts by its fraction
+    /// alone. `None` where nothing counts.
+    fn weighted(&self, weight: impl Fn(usize) -> f64) -> Option<Vec<f64>> {
+        let is_there = |i: usize| self.seen[i] > 0.0;
         let all = 0..self.luminance.len();
-        // Luminance of the part of a cell that is there.
-        let plain = |i: usize| if self.seen[i] > 0.0 { self.luminance[i] / self.seen[i] } else { 0.0 };
-        let mean = |weight: &dyn Fn(usize) -> f64, value: &dyn Fn(usize) -> f64| {
-            let (sum, total) = all.clone().filter(|i| self.seen[*i] > 0.0).fold((0.0, 0.0), |(s, t), i| {
-                let weight = weight(i) * self.seen[i];
-                (s + weight * value(i), t + weight)
-            });
-            (total > 0.0).then(|| sum / total)
-        };
-        let average = || mean(&|_| 1.0, &plain).unwrap_or(0.0);
+        let total: f64 = all.clone().filter(|i| is_there(*i)).map(|i| weight(i) * self.seen[i]).sum();
+        (total > 0.0).then(|| all.map(|i| if is_there(i) { weight(i) / total } else { 0.0 }).collect())
+    }
+
+    /// What each luminance counts in a pattern that is a mean; the plain one where it looks at nothing else. `None` of other patterns.
+    fn weights(&self, pattern: Pattern, at: [f64; 2]) -> Option<Vec<f64>> {
+        let middle = if pattern == Pattern::Spot { at } else { [0.5; 2] };
+        let average = || self.weighted(|_| 1.0).unwrap_or_else(|| vec![0.0; self.luminance.len()]);
         let nearest = || {
-            let nearest = all.clone().min_by(|a, b| distance(*a).total_cmp(&distance(*b)));
-            nearest.filter(|i| self.seen[*i] > 0.0).map_or_else(average, plain)
+            let all = 0..self.luminance.len();
+            let nearest = all.min_by(|a, b| self.distance(*a, middle).total_cmp(&self.distance(*b, middle)));
+            nearest.and_then(|nearest| self.weighted(|i| f64::from(u8::from(i == nearest)))).unwrap_or_else(average)
         };
-        let within = |circle: f64| move |i: usize| f64::from(u8::from(distance(i) <= 0.5 * circle));
+        let within = |circle: f64| move |i: usize| f64::from(u8::from(self.distance(i, middle) <= 0.5 * circle));
         match pattern {
-            Pattern::Average | Pattern::Highlight => average(),
-            Pattern::Spot => mean(&within(SPOT_CIRCLE), &plain).unwrap_or_else(nearest),
+            Pattern::Average => Some(average()),
+            Pattern::Spot => Some(self.weighted(within(SPOT_CIRCLE)).unwrap_or_else(nearest)),
             Pattern::CentreWeighted => {
-                let inside = mean(&within(CENTRE_CIRCLE), &plain).unwrap_or_else(nearest);
-                let outside = mean(&|i| 1.0 - within(CENTRE_CIRCLE)(i), &plain).unwrap_or(inside);
-                CENTRE_WEIGHT * inside + (1.0 - CENTRE_WEIGHT) * outside
+                let inside = self.weighted(within(CENTRE_CIRCLE)).unwrap_or_else(nearest);
+                let outside = self.weighted(|i| 1.0 - within(CENTRE_CIRCLE)(i)).unwrap_or_else(|| inside.clone());
+                let both = inside.iter().zip(&outside);
+                Some(both.map(|(inside, outside)| CENTRE_WEIGHT * inside + (1.0 - CENTRE_WEIGHT) * outside).collect())
             }
-            Pattern::Matrix => {
-                let mut sorted: Vec<f64> = all.clone().filter(|i| self.seen[*i] > 0.0).map(plain).collect();
+            Pattern::Matrix | Pattern::Highlight => None,
+        }
+    }
+
+    /// What a pattern reads, cd/m², over what is no void.
+    fn luminance_by(&self, pattern: Pattern, at: [f64; 2]) -> f64 {
+        let sum = |weights: &[f64]| weights.iter().zip(&self.luminance).map(|(w, l)| w * l).sum::<f64>();
+        let average = || self.weights(Pattern::Average, at).map_or(0.0, |weights| sum(&weights));
+        match (self.weights(pattern, at), pattern) {
+            (Some(weights), _) => sum(&weights),
+            (None, Pattern::Matrix) => {
+                // Luminance of the part of a cell that is there.
+                let plain = |i: usize| self.luminance[i] / self.seen[i];
+                let there: Vec<usize> = (0..self.luminance.len()).filter(|i| self.seen[*i] > 0.0).collect();
+                let mut sorted: Vec<f64> = there.iter().map(|i| plain(*i)).collect();
                 sorted.sort_by(f64::total_cmp);
                 let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
                 // In a frame that is mostly black (a stage, the night) the median says nothing: twice the mean always counts.
                 let limit = (median * MATRIX_LIMIT_EV.exp2()).max(2.0 * average());
-                let weight = |i: usize| MATRIX_FLOOR + (-0.5 * (distance(i) / MATRIX_SPREAD).powi(2)).exp();
-                mean(&weight, &|i| plain(i).min(limit)).unwrap_or(0.0)
+                let weight = |i: usize| MATRIX_FLOOR + (-0.5 * (self.distance(i, [0.5; 2]) / MATRIX_SPREAD).powi(2)).exp();
+                let weights = self.weighted(weight).unwrap_or_default();
+                // Weights count by the part that is there.
+                there.iter().map(|i| weights[*i] * self.seen[*i] * plain(*i).min(limit)).sum()
             }
+            (None, _) => average(),
         }
     }
 }
@@ -432,9 +545,17 @@ mod tests {
             })
             .collect();
         let n = luminance.len();
-        let cells = Cells { columns, rows, shape: 32.0 / 48.0, level: vec![0.0; n], luminance, seen: vec![1.0; n] };
-        assert_eq!(cells.luminance_by(Pattern::Spot, [0.8, 0.5]), 100.0);
-        assert_eq!(cells.luminance_by(Pattern::Spot, [0.2, 0.5]), 400.0);
+        let cells = Cells {
+            columns,
+            rows,
+            piece: [0.0, 0.0, 1.0, 1.0],
+            shape: 32.0 / 48.0,
+            level: vec![0.0; n],
+            luminance,
+            seen: vec![1.0; n],
+        };
+        assert!((cells.luminance_by(Pattern::Spot, [0.8, 0.5]) - 100.0).abs() < 1e-9);
+        assert!((cells.luminance_by(Pattern::Spot, [0.2, 0.5]) - 400.0).abs() < 1e-9);
         assert!((cells.luminance_by(Pattern::Matrix, [0.5; 2]) - 250.0).abs() < 2.0);
         let centre = cells.luminance_by(Pattern::CentreWeighted, [0.5; 2]);
         let average = cells.luminance_by(Pattern::Average, [0.5; 2]);
@@ -453,7 +574,8 @@ mod tests {
         };
         let seen: Vec<f64> = (0..columns * rows).map(seen).collect();
         let luminance = seen.iter().map(|s| 200.0 * s).collect();
-        let cells = Cells { columns, rows, shape: 32.0 / 48.0, luminance, level: vec![0.0; columns * rows], seen };
+        let (piece, shape) = ([0.0, 0.0, 1.0, 1.0], 32.0 / 48.0);
+        let cells = Cells { columns, rows, piece, shape, luminance, level: vec![0.0; columns * rows], seen };
         for (pattern, at) in [
             (Pattern::Average, [0.5; 2]),
             (Pattern::CentreWeighted, [0.5; 2]),

@@ -4,6 +4,7 @@ use super::pixel_groups::GROUP;
 use super::settings::Integrator;
 use super::unit::Unit;
 use super::{Exposure, trial};
+use diopter_scene::Scene;
 use diopter_scene::light_paths::{CameraRays, CausticSettings, Caustics, ConnectionSettings, Connections, Lamps};
 
 /// Camera paths that share a pair of photon maps, if that makes a number of samples between 2 and 256: enough that tracing photons takes less time than
@@ -31,16 +32,26 @@ pub(super) fn map_samples(pixels: usize) -> u32 {
     1u32 << (MAP_PATHS.div_ceil(pixels.max(1))).max(1).next_power_of_two().ilog2().clamp(1, 8)
 }
 
+/// Of which lamps photons are made where the scene asks for them.
+fn lamps_of_photons(integrator: Integrator) -> Option<Lamps> {
+    match integrator {
+        Integrator::Path | Integrator::PathReuse => None,
+        Integrator::Caustics => Some(Lamps::All),
+        Integrator::Bidirectional | Integrator::Auto => Some(Lamps::Small),
+    }
+}
+
+/// Whether photons may be made for an exposure of a scene.
+pub(crate) fn may_make_photons(scene: &Scene, integrator: Integrator) -> bool {
+    lamps_of_photons(integrator)
+        .is_some_and(|lamps| Caustics::may_exist(scene, &CausticSettings { lamps, ..CausticSettings::default() }))
+}
+
 impl Exposure<'_> {
     /// What makes the photons, where the integrator and the scene ask for them.
     pub(super) fn caustics(&self) -> Option<Caustics<'_>> {
-        let lamps = match self.settings.integrator {
-            // Photons and light paths know nothing of polarisation.
-            _ if self.is_polarized() => return None,
-            Integrator::Path | Integrator::PathReuse => return None,
-            Integrator::Caustics => Lamps::All,
-            Integrator::Bidirectional | Integrator::Auto => Lamps::Small,
-        };
+        // Photons and light paths know nothing of polarisation.
+        let lamps = lamps_of_photons(self.settings.integrator).filter(|_| !self.is_polarized())?;
         let pixels = self.camera.film.columns * self.camera.film.rows;
         let paths = pixels as f64 * f64::from(map_samples(pixels));
         let photons = ((paths * PHOTONS_A_PATH) as u32).clamp(PHOTONS.0, PHOTONS.1);

@@ -183,6 +183,11 @@ impl<'a> Caustics<'a> {
         Some(caustics)
     }
 
+    /// Whether there is something to look for: smooth bodies of glass or metal, and lamps for them.
+    pub fn may_exist(scene: &Scene, settings: &CausticSettings) -> bool {
+        PhotonEmission::new(scene, settings).is_some()
+    }
+
     /// Whether some of the light comes from lamps without extent, which no path from the camera can meet.
     pub fn has_delta_lamps(&self) -> bool {
         self.emission.has_delta_lamps()
