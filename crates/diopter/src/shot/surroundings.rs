@@ -8,11 +8,12 @@ use crate::quantity::Moment;
 use diopter_scene::bvh::Bounds;
 use diopter_scene::daylight::{Daylight, overcast, sun};
 use diopter_scene::light::Environment;
+use diopter_scene::material::{Emission, EmissionColor};
 use diopter_scene::medium::{Air, Medium};
 use diopter_scene::studio::{self, Studio};
 use diopter_scene::{Description, Scene};
 use diopter_sensor::nearest;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use std::path::Path;
 
 /// Luminance of the sky around a scene without any light that the camera stands in, cd/m².
@@ -210,7 +211,22 @@ pub(super) fn add(
 
 /// Whether anything in a scene shines, beside its environment.
 fn has_lamps(scene: &Description) -> bool {
-    !scene.punctual.is_empty() || scene.materials.iter().any(|m| m.emission.is_some())
+    !scene.punctual.is_empty() || scene.materials.iter().filter_map(|m| m.emission.as_ref()).any(lights_scene)
+}
+
+/// Places along each side of a picture at which it is looked at, and the part of its brightest that it has on average where it lights a scene.
+const PLACES: u32 = 64;
+const LIT_PART: f32 = 0.1;
+
+/// Whether a surface that shines may be what lights a scene: not by a picture that is black but for some spots (displays, windows of a ship).
+fn lights_scene(emission: &Emission) -> bool {
+    if !matches!(emission.radiance, EmissionColor::Textured { .. }) {
+        return true;
+    }
+    let place = |k: u32| (k as f32 + 0.5) / PLACES as f32;
+    let luminance = |i: u32| emission.luminance(&[Vec2::new(place(i % PLACES), place(i / PLACES)); 2]);
+    let (sum, most) = (0..PLACES * PLACES).map(luminance).fold((0.0, 0.0f32), |(sum, most), l| (sum + l, most.max(l)));
+    sum > LIT_PART * most * (PLACES * PLACES) as f32
 }
 
 /// Takes away what shines from infinity.

@@ -282,6 +282,9 @@ fn sample_li_sphere(sphere: &Sphere, p: Vec3, u: [f32; 2], number: u32) -> Optio
 /// Area over squared distance (sr) below which rectangles are sampled by area.
 const SMALL_SOLID_ANGLE: f32 = 0.25;
 
+/// Distance from a plane that rounding makes, as a fraction of the coordinates.
+const IN_PLANE: f32 = 1e-6;
+
 /// A rectangle seen from a point, ready to be sampled uniformly in solid angle.
 struct SphericalRectangle {
     x0: f32,
@@ -310,6 +313,10 @@ impl SphericalRectangle {
         }
         let d = quad.corner - p;
         let z = d.dot(ex.cross(ey));
+        // In the plane, as near as rounding lets one tell: half of all directions would be those of the rectangle, and its back would be lit.
+        if z.abs() <= IN_PLANE * (lengths.x + lengths.y + d.abs().max_element() + p.abs().max_element()) {
+            return None;
+        }
         let z0 = -z.abs();
         let (x0, y0) = (d.dot(ex), d.dot(ey));
         let (x1, y1) = (x0 + lengths.x, y0 + lengths.y);
@@ -401,6 +408,24 @@ mod tests {
         let sphere = Sphere { center: Vec3::new(0.0, 0.0, 2.0), radius: 0.5 };
         let got = irradiance(&light(AreaShape::Sphere(sphere)), 200);
         assert!((got / (std::f64::consts::PI / 16.0) - 1.0).abs() < 2e-3, "{got}");
+    }
+
+    #[test]
+    fn no_place_of_a_rectangle_is_lit_by_it() {
+        // Places of tilted rectangles, as rounding leaves them on either side of the plane.
+        for i in 0..400u32 {
+            let random = |k: u32| Vec3::from_array(std::array::from_fn(|a| 2.0 * to_unit(mix(i * 64 + k * 3 + a as u32)) - 1.0));
+            let ex = random(0).normalize();
+            let ey = ex.cross(random(1)).normalize() * 1.5;
+            let quad = Quad { corner: random(2) * 3.0, edges: [ex, ey] };
+            let lamp = light(AreaShape::Parallelogram(quad));
+            let place = |k: u32| Vec2::new(to_unit(mix(i * 7 + k)), to_unit(mix(i * 11 + k + 99)));
+            let p = quad.point(place(0));
+            // What a white surface there would get from it.
+            let lit = (0..64).filter_map(|k| lamp.sample_li(p, place(k + 1).to_array(), 0));
+            let got: f32 = lit.map(|s| s.wi.dot(quad.normal()).abs() / s.pdf).sum::<f32>() / 64.0;
+            assert!(got < 1e-3, "{i}: {got}");
+        }
     }
 
     #[test]

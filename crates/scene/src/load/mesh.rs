@@ -9,6 +9,7 @@ use crate::shape::Mesh;
 use crate::texture::{Codes, Color, Graph, Image, Scalar, Texture};
 use diopter_light::Spectrum;
 use glam::{Affine2, Affine3A, Vec2, Vec3, Vec4};
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::io::Cursor;
 use std::sync::Arc;
@@ -107,6 +108,7 @@ pub fn stl(bytes: &[u8], name: &str) -> Result<Description, SceneError> {
 /// Reads an OBJ file with the materials that it names. Fails with the line that cannot be read, and where there are no faces; materials and pictures that are missing are
 /// warnings.
 pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
+    let bytes = &*joined_lines(bytes);
     let options = tobj::LoadOptions { triangulate: true, single_index: true, ignore_points: true, ignore_lines: true };
     let told =
         |(line, text, expected): (usize, String, &str)| error(format!("{name}: line {line}"), format!("\"{text}\""), expected);
@@ -118,7 +120,10 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
     let read = |path: &std::path::Path| {
         let file = path.to_string_lossy().replace('\\', "/");
         match fetch(&file) {
-            Ok(bytes) => tobj::load_mtl_buf(&mut Cursor::new(whole_colors(&lossy(&bytes)))),
+            Ok(bytes) => Ok(tobj::load_mtl_buf(&mut Cursor::new(whole_colors(&lossy(&bytes)))).unwrap_or_else(|e| {
+                missing.push(format!("{name}: material file {file}: {e}: its materials are grey"));
+                Default::default()
+            })),
             Err(e) => {
                 missing.push(format!("{name}: material file {file}: {e}: its materials are grey"));
                 Ok(Default::default())
@@ -298,6 +303,26 @@ fn foreign_line(bytes: &[u8]) -> Option<(usize, String, &'static str)> {
     })
 }
 
+/// Lines that go on after a backslash, as one line each.
+fn joined_lines(bytes: &[u8]) -> Cow<'_, [u8]> {
+    let goes_on = |at: usize| bytes[at] == b'\\' && matches!(bytes[at + 1..], [b'\n', ..] | [b'\r', b'\n', ..]);
+    if !(0..bytes.len()).any(goes_on) {
+        return Cow::Borrowed(bytes);
+    }
+    let mut out = Vec::with_capacity(bytes.len());
+    let mut at = 0;
+    while at < bytes.len() {
+        if goes_on(at) {
+            out.push(b' ');
+            at += if bytes[at + 1] == b'\r' { 3 } else { 2 };
+        } else {
+            out.push(bytes[at]);
+            at += 1;
+        }
+    }
+    Cow::Owned(out)
+}
+
 /// A .mtl file whose colours all have three numbers: of one number all three are meant, others are left out.
 fn whole_colors(bytes: &[u8]) -> Vec<u8> {
     let mut out = Vec::with_capacity(bytes.len());
@@ -471,6 +496,16 @@ mod tests {
             assert!(e.contains("t.obj: line 6") && e.contains("corners of vertices"), "{bad}: {e}");
         }
         assert_eq!(obj_of("f -3/-1/-1 -2/-1/-1 -1/-1/-1").unwrap().meshes[0].positions[2], Vec3::new(1.0, 1.0, 0.0));
+        for continued in ["f 1/1/1 \\\n 2/1/1 3/1/1", "f 1/1/1 2/1/1 \\\r\n3/1/1 \\\r\n"] {
+            assert_eq!(obj_of(continued).unwrap().meshes[0].triangles.len(), 1, "{continued}");
+        }
+    }
+
+    #[test]
+    fn a_material_file_that_cannot_be_read_is_a_warning() {
+        let text = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nusemtl red\nf 1 2 3\n";
+        let d = obj(text.as_bytes(), "t.obj", &|_| Ok(b"newmtl \nKd 1 0 0\n".to_vec())).unwrap();
+        assert!(d.meshes[0].triangles.len() == 1 && d.warnings.iter().any(|w| w.contains("m.mtl")), "{:?}", d.warnings);
     }
 
     #[test]

@@ -155,7 +155,10 @@ pub(in crate::shot) fn camera(
                 false => (bounds.center(), (0.5 * bounds.size().length()).max(1e-3)),
             };
             let ahead = (center - Vec3::from(place.translation)).dot(place.transform_vector3(Vec3::NEG_Z));
-            f64::from(ahead.max(0.1 * radius))
+            // A camera of the scene may stand within it.
+            let seen =
+                view.and_then(|_| nearest_in_the_middle(scene, placement)).filter(|m| 1000.0 * m > 1.01 * placement.lens_mm);
+            seen.unwrap_or(f64::from(ahead.max(0.1 * radius)))
         }
     };
     if !place.is_finite() {

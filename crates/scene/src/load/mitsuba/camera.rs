@@ -28,14 +28,16 @@ pub fn add(context: &mut Context, node: &Node) -> Result<(), SceneError> {
     let sight = match node.kind() {
         "perspective" | "thinlens" => {
             // Tangents of half angles: of the width 1 : height 1 / aspect.
-            let (axis, half) = match text(node, "focal_length") {
+            let given = text(node, "focal_length");
+            let is_angle = given.is_none() && node.child("fov").is_some();
+            let (axis, half) = match Some(given.unwrap_or("50mm")).filter(|_| !is_angle) {
                 Some(focal) => {
                     let mm = focal.trim_end_matches("mm").trim().parse::<f64>().ok().filter(|f| *f > 0.0 && f.is_finite());
                     let mm = mm.ok_or_else(|| wrong(node, format!("focal_length \"{focal}\""), "millimetres, such as 50mm"))?;
                     ("diagonal", 0.5 * FULL_FRAME_MM / mm)
                 }
                 None => {
-                    let fov = number(node, "fov", 39.3077)?;
+                    let fov = number(node, "fov", 0.0)?;
                     if !(0.001..180.0).contains(&fov) {
                         return Err(wrong(node, format!("fov {fov}"), "an angle from 0.001 to below 180 degrees"));
                     }

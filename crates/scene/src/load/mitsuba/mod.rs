@@ -74,6 +74,29 @@ mod tests {
     }
 
     #[test]
+    fn a_sensor_without_an_angle_has_a_lens_of_50_mm() {
+        for (width, height) in [(768.0f64, 576.0), (48.0, 48.0), (300.0, 900.0)] {
+            let film = format!(
+                "<film type='hdrfilm'><integer name='width' value='{width}'/><integer name='height' value='{height}'/></film>"
+            );
+            let d = read(&format!("<sensor type='perspective'>{film}</sensor><shape type='cube'/>")).unwrap();
+            let CameraProjection::Perspective { vertical_fov } = d.cameras[0].sight else { panic!("an angle") };
+            let expected = 2.0 * (0.5 * 43.266_615 / 50.0 * height / width.hypot(height)).atan();
+            assert!((f64::from(vertical_fov) - expected).abs() < 1e-6, "{width} x {height}: {vertical_fov}");
+        }
+    }
+
+    #[test]
+    fn coordinates_of_a_disk_are_its_radius_and_its_angle() {
+        let d = read("<shape type='disk'/>").unwrap();
+        let mesh = &d.meshes[0];
+        for (p, uv) in mesh.positions.iter().zip(&mesh.uvs[0]) {
+            let angle = std::f32::consts::TAU * uv.y;
+            assert!((Vec3::new(angle.cos(), angle.sin(), 0.0) * uv.x - *p).length() < 1e-4, "{p} {uv}");
+        }
+    }
+
+    #[test]
     fn shapes_stand_where_their_transforms_say() {
         let d = read(
             "<shape type='sphere'><point name='center' x='1' y='0' z='0'/><float name='radius' value='0.5'/>\

@@ -50,7 +50,10 @@ pub fn make(node: &Node, kind: &str) -> Result<(Mesh, DMat4), SceneError> {
                 let (s, c) = turn(u);
                 (Vec3::new(c, s, 0.0) * v, Vec3::Z)
             };
-            (grid([AROUND, 1], point), DMat4::IDENTITY)
+            let mut mesh = grid([AROUND, 1], point);
+            // The radius comes first.
+            mesh.uvs[0].iter_mut().for_each(|uv| *uv = Vec2::new(uv.y, uv.x));
+            (mesh, DMat4::IDENTITY)
         }
         "cylinder" => {
             let (p0, p1, radius) =
@@ -72,7 +75,7 @@ pub fn make(node: &Node, kind: &str) -> Result<(Mesh, DMat4), SceneError> {
             (grid([AROUND, 1], point), own)
         }
         other => {
-            let known = "obj, ply, serialized, sphere, cylinder, disk, rectangle, cube, instance: others are not supported";
+            let known = "obj, ply, serialized, sphere, cylinder, disk, rectangle, cube, linearcurve, bsplinecurve, shapegroup, instance: others are not supported";
             return Err(wrong(node, format!("shape \"{other}\""), known));
         }
     })

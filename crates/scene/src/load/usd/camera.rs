@@ -34,8 +34,13 @@ pub fn add(world: &mut World, prim: &Prim, place: &Place) -> Result<(), SceneErr
         true => CameraProjection::Orthographic { height: (height * world.unit_m * 0.1) as f32 },
         false => CameraProjection::Perspective { vertical_fov: (2.0 * (height / (2.0 * focal)).atan()) as f32 },
     };
-    let has_lens = f_number > 0.0 && focus > 0.0 && matches!(sight, CameraProjection::Perspective { .. });
-    let lens = has_lens.then(|| [(0.5 * focal * mm * 1e-3 / f_number) as f32, (focus * world.unit_m) as f32]);
+    // An f-stop of 0 says that everything is sharp.
+    let lens = match (f_number > 0.0, focus > 0.0) {
+        _ if !matches!(sight, CameraProjection::Perspective { .. }) => None,
+        (true, true) => Some([(0.5 * focal * mm * 1e-3 / f_number) as f32, (focus * world.unit_m) as f32]),
+        (true, false) => None,
+        (false, _) => Some([0.0, 1.0]),
+    };
     if moves {
         world.skip_unsupported("changes of focal length, focus and f-stop");
     }

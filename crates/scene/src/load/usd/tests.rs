@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::light::PunctualKind;
-use crate::material::{Coverage, EmissionColor, Scattering};
+use crate::material::{Coverage, EmissionColor, Material, Scattering};
 use crate::motion::Motion;
 use crate::scene::{CameraProjection, Shape};
 use crate::texture::{Color, Scalar};
@@ -409,6 +409,32 @@ fn cameras_have_their_angle_and_lens() {
     let d =
         load(format!("#usda 1.0\n( metersPerUnit = 1 )\n{camera}\ndef Mesh \"m\" {{ {QUAD} }}").into(), "s.usda", &none).unwrap();
     assert!((d.cameras[0].lens.unwrap()[0] - 0.0125).abs() < 1e-6);
+    // 0, as where nothing is said: everything is sharp.
+    for stop in ["float fStop = 0\n", ""] {
+        let text = format!("#usda 1.0\n{}\ndef Mesh \"m\" {{ {QUAD} }}", camera.replace("float fStop = 2\n", stop));
+        assert_eq!(load(text.into(), "s.usda", &none).unwrap().cameras[0].lens.unwrap()[0], 0.0);
+    }
+}
+
+#[test]
+fn a_picture_without_a_file_is_its_fallback() {
+    let material = |fallback: &str| {
+        let text = format!(
+            "#usda 1.0\ndef Mesh \"m\" {{ {QUAD}\nrel material:binding = </M> }}\ndef Material \"M\" {{ token outputs:surface.connect = </M/S.outputs:surface>\n\
+             def Shader \"S\" {{ token info:id = \"UsdPreviewSurface\"\ncolor3f inputs:emissiveColor.connect = </M/T.outputs:rgb>\ncolor3f inputs:diffuseColor.connect = </M/T.outputs:rgb> }}\n\
+             def Shader \"T\" {{ token info:id = \"UsdUVTexture\"\n{fallback} }} }}"
+        );
+        load(text.into(), "t.usda", &none).unwrap().materials[0].clone()
+    };
+    let color = |material: &Material| {
+        let Scattering::Principled(p) = &material.scattering else { panic!("a principled surface") };
+        let Color::Constant { rgb, .. } = &p.base_color else { panic!("one colour") };
+        *rgb
+    };
+    let dark = material("");
+    assert!(dark.emission.is_none() && color(&dark).length() < 1e-6);
+    let red = material("float4 inputs:fallback = (0.5, 0, 0, 1)");
+    assert!((color(&red) - Vec3::new(0.5, 0.0, 0.0)).length() < 1e-3, "{}", color(&red));
 }
 
 #[test]

@@ -13,6 +13,8 @@ use std::sync::Arc;
 pub(super) struct Picture {
     /// None where it is missing.
     texture: Option<Texture>,
+    /// What is shown in its place, where its file is not named.
+    fallback: Option<Vec4>,
     scale: Vec4,
     bias: Vec4,
     /// 0 to 3: red to alpha; none: the colour.
@@ -92,10 +94,15 @@ impl World<'_> {
             _ => Vec2::ONE,
         };
         let flip = Affine2::from_scale_angle_translation(Vec2::new(1.0, -1.0), 0.0, Vec2::Y);
+        let mut fallback = None;
         let image = match self.input(node, "file")? {
             Input::Value(Value::Text(file), layer) if !file.is_empty() => self.picture_file(layer, &file),
             _ => {
                 self.skip_unsupported("pictures without a file");
+                fallback = Some(match self.input(node, "fallback")? {
+                    Input::Value(value, _) => four(value).filter(|v| v.is_finite()).unwrap_or(Vec4::W),
+                    _ => Vec4::W,
+                });
                 None
             }
         };
@@ -114,7 +121,7 @@ impl World<'_> {
             "a" | "outa" => Some(3),
             _ => None,
         };
-        Ok(Some(Picture { texture, scale: factor[0], bias: factor[1], channel }))
+        Ok(Some(Picture { texture, fallback, scale: factor[0], bias: factor[1], channel }))
     }
 
     /// The primvar that texture coordinates are read from, and how they are changed on the way (v up).
@@ -190,8 +197,13 @@ impl Picture {
 
     /// The picture as a colour.
     pub fn color(self) -> Color {
-        let texture = self.texture.unwrap_or_else(|| Texture::color(stand_in()));
         let (scale, bias) = (self.scale.truncate(), self.bias.truncate());
+        if let Some(fallback) = self.fallback {
+            // It is not scaled.
+            let value = self.channel.map_or(fallback.truncate(), |c| Vec3::splat(fallback[c]));
+            return Color::rgb(value.x, value.y, value.z);
+        }
+        let texture = self.texture.unwrap_or_else(|| Texture::color(stand_in()));
         match self.channel {
             None if bias == Vec3::ZERO => Color::Textured { factor: scale, texture },
             None => {
@@ -206,6 +218,9 @@ impl Picture {
 
     /// A map of numbers; what the input is without it where it is missing.
     pub fn scalar(self, default: f32) -> Scalar {
+        if let Some(fallback) = self.fallback {
+            return Scalar::Constant(fallback[self.channel.unwrap_or(0)]);
+        }
         let Some(texture) = self.texture else { return Scalar::Constant(default) };
         let channel = self.channel.unwrap_or(0);
         let (scale, bias) = (self.scale[channel], self.bias[channel]);
