@@ -340,7 +340,9 @@ impl<'a> Transport<'a> {
         let mut lent = Vec::with_capacity(receivers.all.len());
         for donor in donors {
             let Some(own) = receivers.all.iter().find(|r| r.path == donor.path) else { continue };
-            (faced.clear(), shadow_rays.clear(), lent.clear());
+            faced.clear();
+            shadow_rays.clear();
+            lent.clear();
             for (receiver, bsdf) in receivers.all.iter().zip(&receivers.bsdfs).filter(|(r, _)| r.depth == own.depth) {
                 let to_donor = donor.surface.point - receiver.point;
                 let squared = to_donor.length_squared();
