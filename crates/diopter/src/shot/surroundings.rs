@@ -335,3 +335,30 @@ pub(super) fn add_fog(scene: &mut Scene, section: &FogSection, camera: Vec3) -> 
     scene.fill_air(Some(Air { medium: Medium::fog(visibility as f32, albedo, asymmetry), bounds }));
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use diopter_scene::light::modulation::Modulation;
+    use diopter_scene::material::{Material, Scattering};
+    use diopter_scene::texture::{Image, Texture};
+    use std::sync::Arc;
+
+    /// A scene of which a surface shines by a picture of 64 × 64 pixels, of which the first `lit` are white.
+    fn shining(lit: usize) -> Description {
+        let pixels = (0..64 * 64).map(|i| if i < lit { [255; 4] } else { [0, 0, 0, 255] }).collect();
+        let texture = Texture::color(Arc::new(Image::new(64, 64, pixels)));
+        let radiance = EmissionColor::Textured { factor: Vec3::splat(100.0), texture };
+        let emission = Emission { radiance, two_sided: true, is_light: true, modulation: Modulation::Steady };
+        let material = Material { emission: Some(emission), ..Material::new("display", Scattering::Black) };
+        Description { materials: vec![material], ..Default::default() }
+    }
+
+    #[test]
+    fn a_display_with_some_bright_spots_is_no_lamp() {
+        assert!(!has_lamps(&shining(0)) && !has_lamps(&shining(64 * 4)));
+        assert!(has_lamps(&shining(64 * 32)) && has_lamps(&shining(64 * 64)));
+        let lamp = Material::lamp("lamp", diopter_light::Spectrum::Constant(1e-6));
+        assert!(has_lamps(&Description { materials: vec![lamp], ..Default::default() }));
+    }
+}

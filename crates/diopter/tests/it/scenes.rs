@@ -292,3 +292,18 @@ fn a_lens_of_another_angle_than_the_files_camera_names_one_that_fits() {
     assert_eq!(said(27.0, "lens = \"double-gauss-50mm\""), None);
     assert_eq!(said(70.0, ""), None);
 }
+
+#[test]
+fn a_camera_within_its_scene_focuses_on_what_it_sees_in_the_middle() {
+    let folder = Folder::new("within");
+    // The middle of the box around both walls lies behind the camera.
+    let sheet = "[camera]\nlook_from = [0, 1, 0]\nlook_at = [0, 1, -1]\n\
+        [[quad]]\ncorner = [-2, 0, -3]\nedges = [[4, 0, 0], [0, 2, 0]]\nmaterial = \"grey\"\n\
+        [[quad]]\ncorner = [-2, 0, 9]\nedges = [[4, 0, 0], [0, 2, 0]]\nmaterial = \"grey\"\n\
+        [material.grey]\ncolor = [0.5, 0.5, 0.5]\n[sky]\nluminance = 1000\n";
+    let scene = folder.write("room.scene", sheet);
+    let shot = shot(&format!("[scene]\nfile = {scene:?}\n[exposure]\naperture = \"f/2\"\n"));
+    let Lens::Thin(_) = &shot.camera.lens else { panic!("a thin lens") };
+    let focused = shot.camera.lens.focus_distance().unwrap().0;
+    assert!((focused - 3000.0).abs() < 1.0, "{focused} mm");
+}
