@@ -1,6 +1,6 @@
 //! Samples of the pixels of a tile: rays to radiance, radiance to bands.
 
-use super::camera_rays::{CameraRay, Numbers, times};
+use super::camera_rays::{CameraRay, Displacement, Numbers, times};
 use super::dispersion_variate::{DispersionVariate, WavelengthHit};
 use super::light_tracing::LightTracing;
 use super::pixel_cone::PixelCones;
@@ -191,7 +191,7 @@ impl Unit<'_> {
             self.starbursts && self.is_lamp(|group| self.value(group, nm, light, linear) * exposure)
         });
         let mut counted = factors;
-        if let Some(super::camera_rays::Displacement { displaced, arrived }) = lamp.map(|l| &**l) {
+        if let Some(Displacement { displaced, arrived }) = lamp.map(|l| &**l) {
             counted = times(factors, displaced.gathered());
             let sent = times(times(weighted, weights), times(factors, displaced.wings()));
             for c in 0..4 {

@@ -119,16 +119,11 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
     let mut missing = Vec::new();
     let read = |path: &std::path::Path| {
         let file = path.to_string_lossy().replace('\\', "/");
-        match fetch(&file) {
-            Ok(bytes) => Ok(tobj::load_mtl_buf(&mut Cursor::new(whole_colors(&lossy(&bytes)))).unwrap_or_else(|e| {
-                missing.push(format!("{name}: material file {file}: {e}: its materials are grey"));
-                Default::default()
-            })),
-            Err(e) => {
-                missing.push(format!("{name}: material file {file}: {e}: its materials are grey"));
-                Ok(Default::default())
-            }
-        }
+        let read = |bytes: Vec<u8>| tobj::load_mtl_buf(&mut Cursor::new(whole_colors(&lossy(&bytes)))).map_err(|e| e.to_string());
+        Ok(fetch(&file).and_then(read).unwrap_or_else(|e| {
+            missing.push(format!("{name}: material file {file}: {e}: its materials are grey"));
+            Default::default()
+        }))
     };
     let read = std::cell::RefCell::new(read);
     let loaded = tobj::load_obj_buf(&mut Cursor::new(lossy(bytes)), &options, |p| (read.borrow_mut())(p));

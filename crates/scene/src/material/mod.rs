@@ -456,10 +456,7 @@ impl Material {
         around: Option<&Principled>,
     ) -> f32 {
         match &self.scattering {
-            Scattering::Diffuse(_) => {
-                let orientation = Orientation { ns: self.shading_normal(surface), along: None };
-                LocalFrame::new(surface, orientation, wo).cosine_density(wi)
-            }
+            Scattering::Diffuse(_) => LocalFrame::new(surface, self.orientation(surface), wo).cosine_density(wi),
             _ => self.bsdf(surface, wo, wavelengths, false, around).map_or(0.0, |b| b.eval(wi).1),
         }
     }
