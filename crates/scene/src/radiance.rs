@@ -19,8 +19,10 @@ mod medium_segment;
 mod next_event;
 mod path;
 mod prev_scatter;
+mod receiver;
 pub mod record;
 mod reuse;
+mod reuse_sky;
 pub(crate) mod tally;
 mod to_light;
 mod weights;
@@ -103,7 +105,7 @@ impl Scene {
     }
 
     /// The same of a group of camera paths of the same wavelengths that reuse the light that each other found: means are those of [`Scene::trace`], errors are
-    /// smaller, and correlated within the group; direct light is that of each path alone. Paths are traced alone where they may not share light: where [`CameraPath::light_paths`] are given or wavelengths
+    /// smaller, and correlated within the group; direct light of lamps is that of each path alone. Paths are traced alone where they may not share light: where [`CameraPath::light_paths`] are given or wavelengths
     /// differ; whether the scene allows it ([`Scene::lets_paths_be_reused`]) is for whoever asks.
     pub fn trace_group<R: Record>(&self, paths: &[CameraPath], record: R, settings: &PathSettings) -> Vec<R::Light> {
         record.trace_group(self, paths, settings)

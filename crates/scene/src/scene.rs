@@ -274,6 +274,11 @@ impl Scene {
         self.built.has_straight_transmission
     }
 
+    /// Whether something may hide a light from a straight ray and yet let some of its light through.
+    pub(crate) fn lets_some_light_through(&self) -> bool {
+        self.built.has_straight_transmission || self.built.has_blends
+    }
+
     /// Whether surfaces of some bodies let rays through by chance.
     pub(crate) fn has_blends(&self) -> bool {
         self.built.has_blends

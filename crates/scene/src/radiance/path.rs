@@ -307,6 +307,14 @@ impl<'a> Transport<'a> {
             let light = path.throughput * environment.radiance(direction, wavelengths) * weight;
             path.tally.add_polarized(light, depth, || environment.polarization(direction));
         }
+        self.see_discs(path);
+    }
+
+    /// The light of lights at infinity that are seen as discs.
+    #[inline]
+    pub fn see_discs<T: Tally>(&self, path: &mut Path<'a, T>) {
+        let (lights, wavelengths, direction) = (self.scene.lights(), &path.camera.wavelengths, path.ray.direction);
+        let (last, flash, depth) = (path.last, path.flash, path.depth());
         let from = last.map(|l| (l.point, l.normal));
         for (number, disc, density) in lights.discs(direction, from, wavelengths, flash) {
             let left = path

@@ -7,13 +7,15 @@
 //!
 //! Sources: Bekaert, Sbert & Halton 2002, "Accelerating Path Tracing by Re-Using Paths", EGWR; Veach 1997, §9.2 (balance heuristic).
 //!
-//! Light of lamps and of the sky is lent by the density of the donor: all that broad lobes (`BROAD_ALPHA`) send on, and what narrow ones send on from lamps without extent; the rest serves its own path alone. Light that further
+//! What a receiver itself sees of the environment is lent, too ([`super::reuse_sky`]). Light of lamps and of the sky at a donor is lent by the density of the donor: all that broad lobes (`BROAD_ALPHA`) send on, and what narrow ones send on from lamps without extent; the rest serves its own path alone. Light that further
 //! surfaces send to a donor that is not diffuse is lent by all lobes, by the joint density of the donor and of the direction in which its path went on: towards one receiver a narrow lobe may well send what was drawn for another. Alone are also
 //! directions through a surface, and donors behind panes, faces of media and surfaces that let rays through by chance: a shadow ray that meets any of them is blocked, as the path that found a donor met none.
 //! Why so, with figures: `docs/decisions/path-reuse.md`.
 
 use super::CameraPath;
 use super::path::{Arrival, Next, Path, Transport};
+use super::receiver::{Receiver, Receivers};
+use super::reuse_sky::SkySample;
 use super::tally::Divisible;
 use crate::material::{Bsdf, Coverage, Material, Orientation, Scatter};
 use crate::scene::{Object, Scene, Shape};
@@ -27,43 +29,6 @@ const BROAD_ALPHA: f32 = 0.2;
 
 /// Least cosine to the shading normal under which a scattering function of a diffuse surface is the same from all sides (`LocalFrame::new` tilts the normal below).
 const UNTILTED: f32 = 0.01;
-
-/// Where a path of the group receives light: its first surface that is no mirror. Small, for each is asked by each donor.
-struct Receiver {
-    path: usize,
-    point: Vec3,
-    /// Where shadow rays start.
-    origin: Vec3,
-    /// Geometric and shading normal on the side that is seen.
-    ng: Vec3,
-    ns: Vec3,
-    /// Of the path up to there.
-    throughput: SampledSpectrum,
-    /// Where all it does is to reflect diffusely.
-    albedo: Option<SampledSpectrum>,
-    depth: u32,
-    time_s: f32,
-}
-
-impl Receiver {
-    /// f cos θ of a direction on the side that is seen, and its density.
-    #[inline]
-    fn eval(&self, bsdf: &Bsdf, wi: Vec3) -> (SampledSpectrum, f32) {
-        match self.albedo {
-            Some(albedo) => {
-                let density = self.ns.dot(wi).max(0.0) * std::f32::consts::FRAC_1_PI;
-                (albedo * density, density)
-            }
-            None => bsdf.eval(wi),
-        }
-    }
-}
-
-/// The receivers of a group, and their scattering functions.
-struct Receivers<'a> {
-    all: Vec<Receiver>,
-    bsdfs: Vec<Bsdf<'a>>,
-}
 
 /// A receiver that a donor faces.
 struct Faced<'r> {
@@ -108,6 +73,13 @@ struct Donor<'a> {
     /// Where it does more than to reflect diffusely: unit direction in which its path went on, and the radiance that arrives from surfaces there, not of what they emit. Depends on the direction
     /// towards the receiver by the scattering function alone, and is lent by the joint density of the donor and of that direction.
     further: Option<(Vec3, SampledSpectrum)>,
+}
+
+/// What the paths of a group lend one another, and where they receive it.
+struct Group<'a> {
+    receivers: Receivers<'a>,
+    donors: Vec<Donor<'a>>,
+    sky: Vec<SkySample>,
 }
 
 /// What is kept of a path while it follows the light of its donor.
@@ -168,25 +140,21 @@ impl<'a> Transport<'a> {
         if cameras.len() < 2 || !may_lend(cameras, self.scene) {
             return cameras.iter().map(|camera| self.follow(camera, tally())).collect();
         }
-        let mut receivers = Receivers { all: Vec::with_capacity(cameras.len()), bsdfs: Vec::with_capacity(cameras.len()) };
-        let mut donors = Vec::with_capacity(cameras.len());
+        let receivers = Receivers { all: Vec::with_capacity(cameras.len()), bsdfs: Vec::with_capacity(cameras.len()) };
+        let mut group = Group { receivers, donors: Vec::with_capacity(cameras.len()), sky: Vec::new() };
         let mut tallies: Vec<T> = Vec::with_capacity(cameras.len());
         for (number, camera) in cameras.iter().enumerate() {
-            tallies.push(self.follow_divided(camera, tally(), number, &mut receivers, &mut donors));
+            tallies.push(self.follow_divided(camera, tally(), number, &mut group));
         }
+        let Group { receivers, mut donors, sky } = group;
+        self.lend_sky(&receivers, &sky, &mut tallies);
         self.lend(&receivers, &mut donors, &mut tallies);
         tallies
     }
 
-    /// Follows a path, and leaves out of its tally what its donor brings.
-    fn follow_divided<T: Divisible>(
-        &self,
-        camera: &'a CameraPath<'a>,
-        tally: T,
-        number: usize,
-        receivers: &mut Receivers<'a>,
-        donors: &mut Vec<Donor<'a>>,
-    ) -> T {
+    /// Follows a path, and leaves out of its tally what its donor brings and what it sees of the environment from its receiver.
+    fn follow_divided<T: Divisible>(&self, camera: &'a CameraPath<'a>, tally: T, number: usize, group: &mut Group<'a>) -> T {
+        let Group { receivers, donors, sky } = group;
         let mut path = self.begin(camera, tally);
         let mut at_rough = false;
         let (before, time_s) = (receivers.all.len(), path.ray.time_s);
@@ -206,12 +174,28 @@ impl<'a> Transport<'a> {
                     let Arrival { surface, bsdf, .. } = here;
                     let (point, ng, ns, albedo) =
                         (surface.point, bsdf.side_normal(), bsdf.shading_normal(), bsdf.diffuse_albedo());
-                    let origin = offset_origin(point, ng);
-                    receivers.all.push(Receiver { path: number, point, origin, ng, ns, throughput, albedo, depth, time_s });
+                    let (origin, lights) = (offset_origin(point, ng), self.scene.lights());
+                    let sky_probability = lights.environment_probability(point, bsdf.light_normal(), path.flash);
+                    let path = number;
+                    receivers.all.push(Receiver {
+                        path,
+                        point,
+                        origin,
+                        ng,
+                        ns,
+                        throughput,
+                        albedo,
+                        depth,
+                        time_s,
+                        sky_probability,
+                    });
                     receivers.bsdfs.push(bsdf);
                 }
                 next
             });
+            if let Some(receiver) = receivers.all.get(before) {
+                sky.extend(self.take_sky_sample(&mut path, receiver));
+            }
             self.connect_to_light(&mut path);
             if next == Next::Ended {
                 return path.tally;
@@ -224,6 +208,13 @@ impl<'a> Transport<'a> {
             return self.follow_on(path);
         }
         let mut hit = self.find_hit(&path);
+        if hit.is_none()
+            && let Some(sample) = self.scattered_to_sky(&path, receiver)
+        {
+            sky.push(sample);
+            self.see_discs(&mut path);
+            return path.tally;
+        }
         let (mut donor, mut suspended) = (None, None);
         let (start, blends) = (receiver.origin, self.scene.has_blends());
         let next = self.arrive(&mut path, hit.as_mut(), |path, here| {

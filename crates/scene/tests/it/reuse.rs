@@ -1,5 +1,6 @@
 //! Paths of a group that lend one another light: the same means, less noise.
 
+use diopter_image::Raster;
 use diopter_light::random::{Dimensions, Sampler, SamplerKind};
 use diopter_light::wavelength::WavelengthSampler;
 use diopter_light::{Ray, SampledSpectrum, Spectrum};
@@ -13,7 +14,7 @@ use diopter_scene::radiance::record::{Radiance, RadianceAndDirect};
 use diopter_scene::shape::{Mesh, Quad, Sphere};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, Mat3, Vec3};
 use std::sync::Arc;
 
 const GROUP: u32 = 16;
@@ -35,6 +36,17 @@ fn principled(change: impl FnOnce(&mut Principled)) -> Scattering {
     let mut p = Principled::new(Color::rgb(0.7, 0.6, 0.3), 1.5);
     change(&mut p);
     Scattering::Principled(Box::new(p))
+}
+
+/// A sky with a bright cloud, at which light samples aim, over the open ceiling.
+fn sky() -> Environment {
+    let mut map = Raster::new(16, 8, 3);
+    for (k, pixel) in map.data.chunks_exact_mut(3).enumerate() {
+        let (column, row) = (k % 16, k / 16);
+        let cloud = (5..8).contains(&column) && (1..3).contains(&row);
+        pixel.copy_from_slice(&if cloud { [3.0, 2.5, 2.0] } else { [0.1, 0.2, 0.3] });
+    }
+    Environment::new(map, Mat3::from_rotation_y(0.7), 1.0)
 }
 
 /// A room of everything that can lend or receive: diffuse, glossy, lacquered, broad and narrow metal, a mirror, glass that bends and disperses, a pane, cloth that shines through, fog in a ball, a faceted
@@ -105,7 +117,7 @@ fn description() -> Description {
     let bulb = Punctual::new("bulb", Spectrum::Constant(3.0), PunctualKind::Point { position: Vec3::new(-1.2, 0.5, -1.2) });
     let sun = PunctualKind::Disc { direction: Vec3::new(-0.4, -0.6, -0.5).normalize(), half_angle: 0.03 };
     let punctual = vec![bulb, Punctual::new("sun", Spectrum::Constant(2.0), sun)];
-    let environment = Some(Environment::uniform(Vec3::splat(0.2)));
+    let environment = Some(sky());
     Description { meshes: vec![faceted.into(), curtain.into()], materials, objects, punctual, environment, ..Default::default() }
 }
 
@@ -148,7 +160,8 @@ fn lent_light_has_the_mean_of_paths_alone() {
                 light = [light[0] + lent, light[1] + alone];
             }
             let n = f64::from(samples);
-            let error = ((squares / n - (sum / n).powi(2)).max(0.0) / (n - 1.0)).sqrt();
+            // Where all light is lent in full, the difference is rounding.
+            let error = ((squares / n - (sum / n).powi(2)).max(0.0) / (n - 1.0)).sqrt().hypot(1e-6 * light[1] / n);
             let z = if error > 0.0 { sum / n / error } else { 0.0 };
             // 30 cells: |z| above 4.5 in one of 5000 runs.
             assert!(z.abs() < 4.5, "depth {}, cell {cell}: {light:?}, z {z}", settings.max_depth);
@@ -263,8 +276,59 @@ fn lent_light_is_far_less_noisy() {
 }
 
 #[test]
-fn direct_light_is_not_lent_and_groups_that_may_not_lend_are_paths_alone() {
-    let scene = Scene::build(description()).unwrap();
+fn what_is_seen_of_the_sky_through_a_window_is_lent() {
+    // A closed room with a small window, below a sky with a cloud at which light samples aim; and below an even one, which only scattered rays find.
+    let wall = Material::new("wall", Scattering::Diffuse(Color::rgb(0.5, 0.5, 0.5)));
+    let metal = Material::new("metal", metal(0.3));
+    let side = |name: &str, y: f32| quad(name, [-2.0, y, -2.0], [[0.0, 0.0, 4.0], [4.0, 0.0, 0.0]], 0);
+    let upright =
+        |name: &str, corner: [f32; 3], along: [f32; 3], material: u32| quad(name, corner, [along, [0.0, 3.0, 0.0]], material);
+    let objects = vec![
+        side("floor", -1.0),
+        upright("back", [-2.0, -1.0, -2.0], [4.0, 0.0, 0.0], 1),
+        upright("front", [-2.0, -1.0, 2.0], [4.0, 0.0, 0.0], 0),
+        upright("left", [-2.0, -1.0, -2.0], [0.0, 0.0, 4.0], 0),
+        upright("right", [2.0, -1.0, -2.0], [0.0, 0.0, 4.0], 0),
+        // A ceiling with a gap.
+        quad("ceiling", [-2.0, 2.0, -2.0], [[2.4, 0.0, 0.0], [0.0, 0.0, 4.0]], 0),
+        quad("ceiling", [1.0, 2.0, -2.0], [[1.0, 0.0, 0.0], [0.0, 0.0, 4.0]], 0),
+    ];
+    let settings = PathSettings { max_depth: 1, roulette_depth: 5 };
+    for environment in [sky(), Environment::uniform(Vec3::splat(0.3))] {
+        let description = Description {
+            materials: vec![wall.clone(), metal.clone()],
+            objects: objects.clone(),
+            environment: Some(environment),
+            ..Default::default()
+        };
+        let scene = Scene::build(description).unwrap();
+        let (mut sum, mut squares, mut means, mut n) = (0.0f64, 0.0f64, [0.0f64; 2], 0.0f64);
+        let mut mean_squares = [0.0f64; 2];
+        for sample in 0..2000u32 {
+            let paths = group(sample % 30, sample, true);
+            let both =
+                [scene.trace_group(&paths, RadianceAndDirect, &settings), scene.trace(&paths, RadianceAndDirect, &settings)];
+            // All of it is direct light.
+            assert!(both.iter().flatten().all(|[all, direct]| all == direct));
+            let [lent, alone] = both.each_ref().map(|light| light.iter().map(|l| f64::from(l[0].x)).sum::<f64>());
+            (sum, squares, n) = (sum + lent - alone, squares + (lent - alone).powi(2), n + 1.0);
+            for (k, light) in both.iter().enumerate() {
+                means[k] += light.iter().map(|l| f64::from(l[0].x)).sum::<f64>();
+                mean_squares[k] += light.iter().map(|l| f64::from(l[0].x).powi(2)).sum::<f64>();
+            }
+        }
+        let error = ((squares / n - (sum / n).powi(2)) / (n - 1.0)).sqrt() * n;
+        let relative = sum / means[1];
+        println!("relative difference {relative:.5} ± {:.5}, mean squares {mean_squares:.3?}", error / means[1]);
+        assert!(sum.abs() < 4.0 * error && error < 0.02 * means[1], "{relative} ± {}", error / means[1]);
+        // At equal means, mean squares differ as variances do; the rest is what pixels have of different light.
+        assert!(mean_squares[0] < 0.5 * mean_squares[1], "{mean_squares:?}");
+    }
+}
+
+#[test]
+fn direct_light_of_lamps_is_not_lent_and_groups_that_may_not_lend_are_paths_alone() {
+    let scene = Scene::build(Description { environment: None, ..description() }).unwrap();
     let settings = PathSettings::default();
     let caustics = Caustics::new(&scene, CausticSettings { lamps: Lamps::All, photons: 1 << 12, ..Default::default() }).unwrap();
     let photons = caustics.map(0, 0);

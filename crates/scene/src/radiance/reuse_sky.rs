@@ -1,0 +1,96 @@
+//! Paths of a group lend one another what they see of the environment.
+//!
+//! A light sample of the environment that nothing hides, and a scattered ray that leaves the scene, found a direction in which one receiver of the group sees the sky: through a window, between blinds. The
+//! other receivers mostly see it in that direction, too, and would seldom have drawn it. A shadow ray of each tells, and what arrives is weighted by the balance heuristic over all techniques of all receivers that
+//! see the sky there (the light sample and the scattered ray of each): unbiased, and no weight is larger than that of the path alone. Light that comes through panes, faces of media and surfaces that let rays through by
+//! chance serves its own path alone.
+//!
+//! Sources: Bekaert, Sbert & Halton 2002, "Accelerating Path Tracing by Re-Using Paths", EGWR; Veach 1997, §9.2 (balance heuristic).
+
+use super::path::{Path, Transport};
+use super::receiver::{Receiver, Receivers};
+use super::tally::Tally;
+use crate::light::LightPoint;
+use diopter_light::SampledSpectrum;
+use glam::Vec3;
+
+/// What a path of the group saw of the environment from its receiver.
+pub(super) struct SkySample {
+    path: usize,
+    /// Unit direction.
+    wi: Vec3,
+    radiance: SampledSpectrum,
+}
+
+impl<'a> Transport<'a> {
+    /// The light sample of a path at its receiver, where it is of the environment and nothing hides it: it is then no longer the path's own.
+    pub fn take_sky_sample<T: Tally>(&self, path: &mut Path<'a, T>, receiver: &Receiver) -> Option<SkySample> {
+        let light_sample = &path.connection.as_ref()?.light_sample;
+        let wi = light_sample.wi;
+        if !matches!(light_sample.spot, LightPoint::Environment(_)) || wi.dot(receiver.ng) <= 0.0 {
+            return None;
+        }
+        if !self.sees_sky(receiver, wi) {
+            // What hides it may let it through.
+            if !self.scene.lets_some_light_through() {
+                path.connection = None;
+            }
+            return None;
+        }
+        path.connection = None;
+        Some(self.sky_sample(path, receiver, wi))
+    }
+
+    /// What the ray of a path brings that left its receiver and met nothing; `None` where something may hide the sky after all.
+    pub fn scattered_to_sky<T: Tally>(&self, path: &Path<'a, T>, receiver: &Receiver) -> Option<SkySample> {
+        let wi = path.ray.direction;
+        // Its ray is the shadow ray.
+        let sees_sky = || !self.scene.has_blends() || self.sees_sky(receiver, wi);
+        (self.scene.lights().environment.is_some() && sees_sky()).then(|| self.sky_sample(path, receiver, wi))
+    }
+
+    fn sees_sky(&self, receiver: &Receiver, wi: Vec3) -> bool {
+        let (ray, reach) = receiver.ray_towards(wi);
+        !self.scene.may_be_occluded(&ray, reach)
+    }
+
+    fn sky_sample<T: Tally>(&self, path: &Path<'a, T>, receiver: &Receiver, wi: Vec3) -> SkySample {
+        let environment = self.scene.lights().environment.as_ref();
+        let radiance = environment.map_or(SampledSpectrum::ZERO, |e| e.radiance(wi, &path.camera.wavelengths));
+        SkySample { path: receiver.path, wi, radiance }
+    }
+
+    /// Adds what all samples of the environment bring to all receivers.
+    pub fn lend_sky<T: Tally>(&self, receivers: &Receivers<'a>, samples: &[SkySample], tallies: &mut [T]) {
+        let Some(environment) = &self.scene.lights().environment else { return };
+        let mut facing: Vec<(&Receiver, SampledSpectrum, f32)> = Vec::with_capacity(receivers.all.len());
+        let mut shadow_rays = Vec::with_capacity(receivers.all.len());
+        for sample in samples.iter().filter(|sample| sample.radiance != SampledSpectrum::ZERO) {
+            facing.clear();
+            shadow_rays.clear();
+            let by_light = environment.pdf(sample.wi);
+            for (receiver, bsdf) in receivers.all.iter().zip(&receivers.bsdfs) {
+                if sample.wi.dot(receiver.ng) <= 0.0 {
+                    continue;
+                }
+                let (f, pdf) = receiver.eval(bsdf, sample.wi);
+                if f == SampledSpectrum::ZERO {
+                    continue;
+                }
+                facing.push((receiver, f, receiver.sky_probability * by_light + pdf));
+                if receiver.path != sample.path {
+                    shadow_rays.push(receiver.ray_towards(sample.wi));
+                }
+            }
+            let mut hidden = self.scene.may_be_occluded_many(&shadow_rays).into_iter();
+            facing.retain(|(receiver, ..)| receiver.path == sample.path || !hidden.next().unwrap_or(true));
+            let density: f32 = facing.iter().map(|(.., density)| density).sum();
+            for (receiver, f, _) in &facing {
+                let light = receiver.throughput * *f * sample.radiance / density;
+                if light.is_finite() {
+                    tallies[receiver.path].add(light, receiver.depth + 1);
+                }
+            }
+        }
+    }
+}
