@@ -17,6 +17,8 @@ use glam::Vec3;
 /// What a path of the group saw of the environment from its receiver.
 pub(super) struct SkySample {
     path: usize,
+    /// Scattering events before the receiver: others after as many are lent to, so that direct light stays what paths of one event have.
+    depth: u32,
     /// Unit direction.
     wi: Vec3,
     radiance: SampledSpectrum,
@@ -57,7 +59,7 @@ impl<'a> Transport<'a> {
     fn sky_sample<T: Tally>(&self, path: &Path<'a, T>, receiver: &Receiver, wi: Vec3) -> SkySample {
         let environment = self.scene.lights().environment.as_ref();
         let radiance = environment.map_or(SampledSpectrum::ZERO, |e| e.radiance(wi, &path.camera.wavelengths));
-        SkySample { path: receiver.path, wi, radiance }
+        SkySample { path: receiver.path, depth: receiver.depth, wi, radiance }
     }
 
     /// Adds what all samples of the environment bring to all receivers.
@@ -70,7 +72,7 @@ impl<'a> Transport<'a> {
             shadow_rays.clear();
             let by_light = environment.pdf(sample.wi);
             for (receiver, bsdf) in receivers.all.iter().zip(&receivers.bsdfs) {
-                if sample.wi.dot(receiver.ng) <= 0.0 {
+                if receiver.depth != sample.depth || sample.wi.dot(receiver.ng) <= 0.0 {
                     continue;
                 }
                 let (f, pdf) = receiver.eval(bsdf, sample.wi);
