@@ -2,13 +2,15 @@
 
 use crate::bidirectional::{claimed_and_seen, quad, room, settings, take, threads_and_parts};
 use crate::common;
-use diopter::image::FocalPlane;
+use diopter::image::{FocalPlane, Raster};
 use diopter::lens::{Focus, Lens};
 use diopter::light::units::Millimeters;
 use diopter::scene::Scene;
+use diopter::scene::light::Environment;
 use diopter::scene::material::Scattering;
 use diopter::scene::texture::Color;
 use diopter::{Camera, Film, Integrator, Settings};
+use glam::Mat3;
 
 /// The room through a pinhole, and through a real lens that disperses; films that tiles do not divide.
 fn exposures(columns: usize, rows: usize) -> [(Scene, Camera); 2] {
@@ -21,15 +23,27 @@ fn exposures(columns: usize, rows: usize) -> [(Scene, Camera); 2] {
 
 #[test]
 fn threads_and_parts_do_not_change_an_exposure_whose_pixels_lend_light() {
-    for (scene, camera) in &exposures(39, 26) {
+    for (scene, camera) in exposures(39, 26).iter().chain([&below_a_sky(39, 26)]) {
         let settings = |samples| Settings { samples, ..settings(Integrator::PathReuse, 16, 1) };
         threads_and_parts(scene, camera, settings, [0, 2, 6, 16]);
     }
 }
 
+/// The room through a pinhole, below a sky that comes in through its open front, half of it clouds at which light samples aim.
+fn below_a_sky(columns: usize, rows: usize) -> (Scene, Camera) {
+    let (scene, camera) = room(columns, rows);
+    let mut map = Raster::new(16, 8, 3);
+    for (k, pixel) in map.data.chunks_exact_mut(3).enumerate() {
+        pixel.fill(if k % 5 < 2 { 200.0 } else { 20.0 });
+    }
+    let mut description = scene.description().clone();
+    description.environment = Some(Environment::new(map, Mat3::IDENTITY, 1.0));
+    (Scene::build(description).unwrap(), camera)
+}
+
 #[test]
 fn the_claimed_variance_of_pixels_that_lend_light_is_that_between_seeds_and_means_agree() {
-    for (scene, camera) in &exposures(33, 22) {
+    for (scene, camera) in exposures(33, 22).iter().chain([&below_a_sky(33, 22)]) {
         const SEEDS: u64 = 30;
         let of = |integrator| -> (Vec<f64>, f64, f64) {
             let planes: Vec<FocalPlane> = (1..=SEEDS).map(|seed| take(scene, camera, &settings(integrator, 8, seed))).collect();
