@@ -11,8 +11,9 @@ use diopter_light::random::{Sampler, SamplerKind};
 use diopter_light::{Ray, SampledWavelengths};
 use diopter_scene::light_paths::{Caustics, Connections, LightPaths};
 use diopter_scene::radiance::CameraPath;
-use diopter_scene::radiance::record::{Radiance, RadianceAndCaustics};
+use diopter_scene::radiance::record::{Radiance, RadianceAndCaustics, RadianceAndEvents};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Blocks of the film a side.
 const BLOCKS: usize = 8;
@@ -44,8 +45,10 @@ const ACCEPT_FRACTION: f64 = 0.3;
 const NOISY: f64 = 1.5;
 const ACCEPT_LAST: f64 = 0.5;
 const REJECT_FRACTION: f64 = 0.8;
-/// Processor time of a path whose light is lent to a group, over that of one alone: 1.3 among many triangles to 1.8 in a Cornell box.
-const COST_OF_REUSE: f64 = 1.7;
+/// Processor time of lending a path's light to a group, over that of a segment of a path alone.
+const COST_OF_LENDING: f64 = 3.0;
+/// Processor time of a path whose light is lent, over that of one alone, by which what connections must leave was found (in rooms and Cornell boxes).
+const COST_BESIDE_CONNECTIONS: f64 = 1.7;
 /// Most rounds of pairs, and samples of a pixel for each of them.
 const ROUNDS: usize = 4;
 const SAMPLES_A_ROUND: usize = 16;
@@ -125,11 +128,16 @@ fn pays([without, with]: [f64; 2], is_last: bool) -> Option<bool> {
     }
 }
 
-/// What helps most for what it costs, by the relative squared errors of the candidates that were `tried`; `None` where more pairs are to tell.
-fn best(noise: [f64; 3], tried: &[Candidate], is_last: bool) -> Option<Help> {
+/// Processor time of a path whose light is lent to a group, over that of one alone of so many segments: little where paths are long, as in rooms (1.2 to 1.4; a Cornell box: 1.7), much in the open (2.1 to 2.6).
+fn cost_of_reuse(segments: f64) -> f64 {
+    1.0 + COST_OF_LENDING / segments.max(1.0)
+}
+
+/// What helps most for what it costs, by the relative squared errors of the candidates that were `tried`, where reuse costs so much; `None` where more pairs are to tell.
+fn best(noise: [f64; 3], tried: &[Candidate], cost_of_reuse: f64, is_last: bool) -> Option<Help> {
     let [alone, reuse, connected] = noise;
-    let reuses = tried.iter().any(|c| matches!(c, Candidate::Reuse)) && reuse * COST_OF_REUSE < alone;
-    let (help, without) = if reuses { (Help::Reuse, reuse * COST_OF_REUSE) } else { (Help::Alone, alone) };
+    let reuses = tried.iter().any(|c| matches!(c, Candidate::Reuse)) && reuse * cost_of_reuse < alone;
+    let (help, without) = if reuses { (Help::Reuse, reuse * COST_BESIDE_CONNECTIONS) } else { (Help::Alone, alone) };
     match tried.iter().any(|c| matches!(c, Candidate::Connected)) {
         false => Some(help),
         true => pays([without, connected], is_last).map(|pays| if pays { Help::Connections } else { help }),
@@ -192,6 +200,8 @@ impl Exposure<'_> {
         let side = pairs.isqrt().clamp(PAIR_SIDE.0, PAIR_SIDE.1);
         // As many pixels, in groups.
         let side = if may_reuse { (side * side / GROUP).isqrt().max(1) } else { side };
+        // Sums of whole numbers: the same in any order.
+        let (followed, events) = (AtomicU64::new(0), AtomicU64::new(0));
         let group = |block: usize, k: usize| -> Vec<Pair> {
             let pixel = pixel_of_block(film, block, k % (side * side), side);
             let pixels = match unit.groups {
@@ -228,7 +238,13 @@ impl Exposure<'_> {
                     let paths: Vec<CameraPath> = rays.iter().map(path).collect();
                     let radiances = match candidate {
                         Candidate::Reuse => self.scene.trace_group(&paths, Radiance, &self.settings.path),
-                        _ => self.scene.trace(&paths, Radiance, &self.settings.path),
+                        Candidate::Alone => {
+                            let both = self.scene.trace(&paths, RadianceAndEvents, &self.settings.path);
+                            followed.fetch_add(both.len() as u64, Ordering::Relaxed);
+                            events.fetch_add(both.iter().map(|(_, events)| u64::from(*events)).sum(), Ordering::Relaxed);
+                            both.into_iter().map(|(light, _)| light).collect()
+                        }
+                        Candidate::Connected => self.scene.trace(&paths, Radiance, &self.settings.path),
                     };
                     for ((pair, light), path) in pairs.iter_mut().zip(radiances).zip(&paths) {
                         let light = f64::from((light * path.wavelengths.weight).element_sum());
@@ -243,7 +259,9 @@ impl Exposure<'_> {
         for round in 0..rounds {
             let numbers = round * side * side..(round + 1) * side * side;
             blocks.par_iter_mut().enumerate().for_each(|(b, pairs)| pairs.extend(numbers.clone().flat_map(|k| group(b, k))));
-            if let Some(help) = best(relative_noise(&blocks, &tried), &tried, round + 1 == rounds) {
+            let [followed, events] = [&followed, &events].map(|count| count.load(Ordering::Relaxed) as f64);
+            let cost = cost_of_reuse(1.0 + events / followed.max(1.0));
+            if let Some(help) = best(relative_noise(&blocks, &tried), &tried, cost, round + 1 == rounds) {
                 return help;
             }
         }

@@ -1,7 +1,7 @@
 //! What is recorded of the light of paths ([`Scene::trace`]).
 
 use super::path::Transport;
-use super::tally::{CausticTally, DirectTally, Polarized};
+use super::tally::{CausticTally, CountingTally, DirectTally, Polarized};
 use super::{CameraPath, PathSettings};
 use crate::light_paths::LightPaths;
 use crate::scene::Scene;
@@ -35,6 +35,10 @@ pub struct RadianceAndDirect;
 /// All light, and what of it came from photons: by how much they matter in a picture.
 #[derive(Clone, Copy, Debug)]
 pub struct RadianceAndCaustics;
+
+/// All light, and how often the path was scattered: how much work it was.
+#[derive(Clone, Copy, Debug)]
+pub struct RadianceAndEvents;
 
 /// The Stokes vectors of all light at each of the four wavelengths ([`diopter_light::polarization`]), all of it by the paths: without light paths and
 /// [`CameraPath::emitter_mis`]. Q, U and V are 0 on the mean where nothing polarises. I is, sample by sample, [`Radiance`] where no two events of the path polarise; elsewhere it
@@ -79,6 +83,16 @@ impl Record for RadianceAndCaustics {
         let transport = Transport { scene, settings };
         let both = |CausticTally { all, gathered }| [all, gathered];
         paths.iter().map(|path| both(transport.follow(path, CausticTally::default()))).collect()
+    }
+}
+
+impl Record for RadianceAndEvents {
+    type Light = (SampledSpectrum, u32);
+
+    fn trace(self, scene: &Scene, paths: &[CameraPath], settings: &PathSettings) -> Vec<(SampledSpectrum, u32)> {
+        let transport = Transport { scene, settings };
+        let both = |CountingTally { all, events }| (all, events);
+        paths.iter().map(|path| both(transport.follow(path, CountingTally::default()))).collect()
     }
 }
 
