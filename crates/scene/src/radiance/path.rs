@@ -173,12 +173,19 @@ impl<'a> Transport<'a> {
     /// Follows a path that is on its way to its end.
     #[inline(always)]
     pub fn follow_on<T: Tally>(&self, mut path: Path<'a, T>) -> T {
+        self.follow_to_end(&mut path);
+        path.tally
+    }
+
+    /// The same, for who asks for more than its light.
+    #[inline(always)]
+    pub fn follow_to_end<T: Tally>(&self, path: &mut Path<'a, T>) {
         loop {
-            let mut hit = self.find_hit(&path);
-            let next = self.shade(&mut path, hit.as_mut());
-            self.connect_to_light(&mut path);
+            let mut hit = self.find_hit(path);
+            let next = self.shade(path, hit.as_mut());
+            self.connect_to_light(path);
             if next == Next::Ended {
-                return path.tally;
+                return;
             }
         }
     }

@@ -1,7 +1,7 @@
 //! What is recorded of the light of paths ([`Scene::trace`]).
 
 use super::path::Transport;
-use super::tally::{CausticTally, CountingTally, DirectTally, Polarized};
+use super::tally::{CausticTally, DirectTally, Polarized};
 use super::{CameraPath, PathSettings};
 use crate::light_paths::LightPaths;
 use crate::scene::Scene;
@@ -91,8 +91,12 @@ impl Record for RadianceAndEvents {
 
     fn trace(self, scene: &Scene, paths: &[CameraPath], settings: &PathSettings) -> Vec<(SampledSpectrum, u32)> {
         let transport = Transport { scene, settings };
-        let both = |CountingTally { all, events }| (all, events);
-        paths.iter().map(|path| both(transport.follow(path, CountingTally::default()))).collect()
+        let both = |camera| {
+            let mut path = transport.begin(camera, SampledSpectrum::ZERO);
+            transport.follow_to_end(&mut path);
+            (path.tally, path.vertex)
+        };
+        paths.iter().map(both).collect()
     }
 }
 

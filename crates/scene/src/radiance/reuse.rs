@@ -176,9 +176,8 @@ impl<'a> Transport<'a> {
                         (surface.point, bsdf.side_normal(), bsdf.shading_normal(), bsdf.diffuse_albedo());
                     let (origin, lights) = (offset_origin(point, ng), self.scene.lights());
                     let sky_probability = lights.environment_probability(point, bsdf.light_normal(), path.flash);
-                    let path = number;
                     receivers.all.push(Receiver {
-                        path,
+                        path: number,
                         point,
                         origin,
                         ng,
@@ -328,6 +327,7 @@ impl<'a> Transport<'a> {
     fn lend<T: Divisible>(&self, receivers: &Receivers<'a>, donors: &mut [Donor<'a>], tallies: &mut [T]) {
         let mut faced: Vec<Faced> = Vec::with_capacity(receivers.all.len());
         let mut shadow_rays = Vec::with_capacity(receivers.all.len());
+        let mut hidden = Vec::with_capacity(receivers.all.len());
         let mut lent = Vec::with_capacity(receivers.all.len());
         for donor in donors {
             let Some(own) = receivers.all.iter().find(|r| r.path == donor.path) else { continue };
@@ -351,12 +351,13 @@ impl<'a> Transport<'a> {
                     shadow_rays.push(segment(receiver.origin, donor.end, receiver.time_s));
                 }
             }
-            let mut hidden = self.scene.may_be_occluded_many(&shadow_rays).into_iter();
+            self.scene.may_be_occluded_many(&shadow_rays, &mut hidden);
+            let mut hidden = hidden.iter();
             // Of the donor, and of it and the direction in which its path went on.
             let (mut density, mut joint_density) = (0.0, 0.0);
             for &Faced { receiver, wi, f, pdf, geometry } in &faced {
                 let is_own = receiver.path == donor.path;
-                if !is_own && hidden.next().unwrap_or(true) {
+                if !is_own && hidden.next() != Some(&false) {
                     continue;
                 }
                 density += pdf * geometry;

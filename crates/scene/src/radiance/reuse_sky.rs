@@ -32,23 +32,22 @@ impl<'a> Transport<'a> {
         if !matches!(light_sample.spot, LightPoint::Environment(_)) || wi.dot(receiver.ng) <= 0.0 {
             return None;
         }
-        if !self.sees_sky(receiver, wi) {
-            // What hides it may let it through.
-            if !self.scene.lets_some_light_through() {
-                path.connection = None;
-            }
-            return None;
+        let sees_sky = self.sees_sky(receiver, wi);
+        // What hides it may let it through: then it is the path's own.
+        if sees_sky || !self.scene.lets_some_light_through() {
+            path.connection = None;
         }
-        path.connection = None;
-        Some(self.sky_sample(path, receiver, wi))
+        if sees_sky { self.sky_sample(path, receiver, wi) } else { None }
     }
 
     /// What the ray of a path brings that left its receiver and met nothing; `None` where something may hide the sky after all.
     pub fn scattered_to_sky<T: Tally>(&self, path: &Path<'a, T>, receiver: &Receiver) -> Option<SkySample> {
         let wi = path.ray.direction;
-        // Its ray is the shadow ray.
-        let sees_sky = || !self.scene.has_blends() || self.sees_sky(receiver, wi);
-        (self.scene.lights().environment.is_some() && sees_sky()).then(|| self.sky_sample(path, receiver, wi))
+        // Its ray is the shadow ray, but where it may have gone through a surface by chance.
+        if self.scene.has_blends() && !self.sees_sky(receiver, wi) {
+            return None;
+        }
+        self.sky_sample(path, receiver, wi)
     }
 
     fn sees_sky(&self, receiver: &Receiver, wi: Vec3) -> bool {
@@ -56,10 +55,9 @@ impl<'a> Transport<'a> {
         !self.scene.may_be_occluded(&ray, reach)
     }
 
-    fn sky_sample<T: Tally>(&self, path: &Path<'a, T>, receiver: &Receiver, wi: Vec3) -> SkySample {
-        let environment = self.scene.lights().environment.as_ref();
-        let radiance = environment.map_or(SampledSpectrum::ZERO, |e| e.radiance(wi, &path.camera.wavelengths));
-        SkySample { path: receiver.path, depth: receiver.depth, wi, radiance }
+    fn sky_sample<T: Tally>(&self, path: &Path<'a, T>, receiver: &Receiver, wi: Vec3) -> Option<SkySample> {
+        let radiance = self.scene.lights().environment.as_ref()?.radiance(wi, &path.camera.wavelengths);
+        Some(SkySample { path: receiver.path, depth: receiver.depth, wi, radiance })
     }
 
     /// Adds what all samples of the environment bring to all receivers.
@@ -67,6 +65,7 @@ impl<'a> Transport<'a> {
         let Some(environment) = &self.scene.lights().environment else { return };
         let mut facing: Vec<(&Receiver, SampledSpectrum, f32)> = Vec::with_capacity(receivers.all.len());
         let mut shadow_rays = Vec::with_capacity(receivers.all.len());
+        let mut hidden = Vec::with_capacity(receivers.all.len());
         for sample in samples.iter().filter(|sample| sample.radiance != SampledSpectrum::ZERO) {
             facing.clear();
             shadow_rays.clear();
@@ -84,8 +83,9 @@ impl<'a> Transport<'a> {
                     shadow_rays.push(receiver.ray_towards(sample.wi));
                 }
             }
-            let mut hidden = self.scene.may_be_occluded_many(&shadow_rays).into_iter();
-            facing.retain(|(receiver, ..)| receiver.path == sample.path || !hidden.next().unwrap_or(true));
+            self.scene.may_be_occluded_many(&shadow_rays, &mut hidden);
+            let mut hidden = hidden.iter();
+            facing.retain(|(receiver, ..)| receiver.path == sample.path || hidden.next() == Some(&false));
             let density: f32 = facing.iter().map(|(.., density)| density).sum();
             for (receiver, f, _) in &facing {
                 let light = receiver.throughput * *f * sample.radiance / density;

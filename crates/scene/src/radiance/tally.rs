@@ -182,41 +182,6 @@ impl Tally for CausticTally {
     }
 }
 
-/// All light, and how often the path was scattered.
-#[derive(Default)]
-pub(super) struct CountingTally {
-    pub all: SampledSpectrum,
-    pub events: u32,
-}
-
-impl Tally for CountingTally {
-    type ThinDielectrics = ();
-    type Vertex = ();
-
-    #[inline]
-    fn vertex(&self, _: &Bsdf, _: Vec3, _: Vec3) {}
-
-    #[inline]
-    fn add(&mut self, light: SampledSpectrum, _: u32) {
-        self.all += light;
-    }
-
-    #[inline]
-    fn add_by<R>(&mut self, _: u32, work: impl FnOnce(&mut SampledSpectrum) -> R) -> R {
-        work(&mut self.all)
-    }
-
-    #[inline]
-    fn scatter(&mut self, _: &Bsdf, _: Vec3, _: Vec3, _: bool) {
-        self.events += 1;
-    }
-
-    #[inline]
-    fn depolarize(&mut self) {
-        self.events += 1;
-    }
-}
-
 /// Stokes vectors at the camera, and the events of the path so far.
 pub(super) struct Polarized {
     /// I, Q, U, V of each wavelength.

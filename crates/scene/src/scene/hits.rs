@@ -45,16 +45,15 @@ impl Scene {
             || !self.posed.animated.is_empty() && self.occluded(ray, t_max)
     }
 
-    /// The same of rays that run close together, each up to an end (m).
-    pub(crate) fn may_be_occluded_many(&self, rays: &[(Ray, f32)]) -> Vec<bool> {
-        let mut occluded = Vec::with_capacity(rays.len());
+    /// The same of rays that run close together, each up to an end (m): what `occluded` holds afterwards.
+    pub(crate) fn may_be_occluded_many(&self, rays: &[(Ray, f32)], occluded: &mut Vec<bool>) {
+        occluded.clear();
         for rays in rays.chunks(PACKET) {
             let filter = |k: usize| TopFilter { scene: self, ray: &rays[k].0, blends_block: true };
             let met = self.built.top.any_of(rays, filter);
             let is_met = |k: usize| met >> k & 1 == 1 || !self.posed.animated.is_empty() && self.occluded(&rays[k].0, rays[k].1);
             occluded.extend((0..rays.len()).map(is_met));
         }
-        occluded
     }
 
     /// Visibility along a shadow ray up to `t_max` (m), as far as one any-hit query tells.
