@@ -22,6 +22,7 @@ mod prev_scatter;
 mod receiver;
 pub mod record;
 mod reuse;
+mod reuse_extent;
 mod reuse_sky;
 pub(crate) mod tally;
 mod to_light;
@@ -104,10 +105,10 @@ impl Scene {
         record.trace(self, paths, settings)
     }
 
-    /// The same of a group of camera paths of the same wavelengths that reuse the light that each other found: means are those of [`Scene::trace`], errors are
-    /// smaller, and correlated within the group; direct light of lamps is that of each path alone. Paths are traced alone where they may not share light: where [`CameraPath::light_paths`] are given or wavelengths
-    /// differ; whether the scene allows it ([`Scene::lets_paths_be_reused`]) is for whoever asks.
-    pub fn trace_group<R: Record>(&self, paths: &[CameraPath], record: R, settings: &PathSettings) -> Vec<R::Light> {
-        record.trace_group(self, paths, settings)
+    /// The same of two groups of camera paths, each of the same wavelengths, that reuse the light that others of their group found: means are those of [`Scene::trace`], errors are
+    /// smaller, and correlated within a group; direct light of lamps is that of each path alone. The light of either group says how far that of the other is worth lending; where one is empty all is lent. Paths are traced alone where they may not share
+    /// light: where [`CameraPath::light_paths`] are given or wavelengths differ; whether the scene allows it ([`Scene::lets_paths_be_reused`]) is for whoever asks.
+    pub fn trace_groups<R: Record>(&self, groups: [&[CameraPath]; 2], record: R, settings: &PathSettings) -> Vec<R::Light> {
+        record.trace_groups(self, groups, settings)
     }
 }

@@ -3,7 +3,7 @@
 use super::diffraction::Displaced;
 use super::dispersion_variate::PixelFootprint;
 use super::light_tracing::CameraSample;
-use super::pixel_groups::{GROUP, PixelGroups};
+use super::pixel_groups::{GROUP, PAIR, PAIRS, PixelGroups};
 use super::unit::Unit;
 use crate::camera::Film;
 use crate::mount::M2_PER_MM2;
@@ -103,14 +103,14 @@ pub(super) struct Numbers {
     /// Column, row, width and height.
     pub rectangle: [usize; 4],
     pub samples: Range<u32>,
-    /// Where those of a group of pixels follow one another, not those of a pixel.
+    /// Where those of a pair of groups of pixels follow one another, not those of a pixel.
     pub groups: Option<PixelGroups>,
 }
 
 impl Numbers {
     /// How many numbers there are; some stand for no sample.
     fn count(&self) -> usize {
-        let pixels = self.groups.map_or(self.rectangle[2] * self.rectangle[3], |groups| groups.groups() * GROUP);
+        let pixels = if self.groups.is_some() { PAIRS * PAIR } else { self.rectangle[2] * self.rectangle[3] };
         pixels * self.samples.len()
     }
 
@@ -119,9 +119,9 @@ impl Numbers {
     fn of(&self, number: usize) -> Option<(usize, usize, u32)> {
         let [column, row, width, height] = self.rectangle;
         if let Some(groups) = &self.groups {
-            let (of_group, member) = (number / GROUP, number % GROUP);
-            let (group, sample) = (of_group / self.samples.len(), of_group % self.samples.len());
-            let [x, y] = groups.pixel([column, row], group, member);
+            let (of_pair, member) = (number / PAIR, number % PAIR);
+            let (pair, sample) = (of_pair / self.samples.len(), of_pair % self.samples.len());
+            let [x, y] = groups.pixel([column, row], 2 * pair + member / GROUP, member % GROUP);
             return (x < column + width && y < row + height).then(|| (x, y, self.samples.start + sample as u32));
         }
         let (pixel, sample) = (number / self.samples.len(), number % self.samples.len());
@@ -137,9 +137,6 @@ pub(super) fn times(a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
 
 /// Samples through an ideal lens that are drawn before their light is.
 const PACKET: usize = 32;
-
-// Groups are not torn.
-const _: () = assert!(PACKET.is_multiple_of(GROUP) && LANES.is_multiple_of(GROUP));
 
 impl Unit<'_> {
     fn sampler(&self, x: usize, y: usize, sample: u32) -> Sampler {

@@ -63,31 +63,55 @@ impl Unit<'_> {
         let mut sums = TileSums::new(&self.camera.film, rectangle, self.summed_bands(), before);
         let mut variates = self.variates(rectangle, &samples);
         let numbers = Numbers { rectangle, samples, groups: self.groups };
+        let Some(groups) = &self.groups else {
+            self.camera_rays(&numbers, !variates.is_empty(), |rays| {
+                let light = self.light_along(rays, light_paths);
+                rays.iter().zip(light).for_each(|(ray, light)| self.count(ray, &light, &mut variates, &mut sums));
+            });
+            return self.tile_done(variates, sums);
+        };
         // Control variates want the samples of a pixel one after the other.
-        let by_pixel = self.groups.is_some() && !variates.is_empty();
-        let mut of_group: Vec<(CameraRay, CameraLight)> = Vec::new();
-        let group = |ray: &CameraRay| self.groups.map(|groups| groups.of(ray.pixel));
-        self.camera_rays(&numbers, !variates.is_empty(), |rays| {
-            let light = self.light_along(rays, light_paths);
+        let by_pixel = !variates.is_empty();
+        let mut of_pair: Vec<(CameraRay, CameraLight)> = Vec::new();
+        let pair = |ray: &CameraRay| groups.pair_of(ray.pixel);
+        let mut count = |rays: Vec<CameraRay>| {
+            let light = self.light_along(&rays, light_paths);
             if !by_pixel {
                 return rays.iter().zip(light).for_each(|(ray, light)| self.count(ray, &light, &mut variates, &mut sums));
             }
-            for sample in rays.drain(..).zip(light) {
-                if of_group.first().is_some_and(|(ray, _)| group(ray) != group(&sample.0)) {
-                    self.count_group(&mut of_group, &mut variates, &mut sums);
+            if let (Some((before, _)), Some(ray)) = (of_pair.first(), rays.first())
+                && pair(before) != pair(ray)
+            {
+                self.count_pair(&mut of_pair, &mut variates, &mut sums);
+            }
+            of_pair.extend(rays.into_iter().zip(light));
+        };
+        // Samples of a pair come in parts; they are traced together.
+        let sample = |ray: &CameraRay| (ray.sampler.number(), pair(ray));
+        let mut waiting: Vec<CameraRay> = Vec::new();
+        self.camera_rays(&numbers, by_pixel, |rays| {
+            for ray in rays.drain(..) {
+                if waiting.first().is_some_and(|first| sample(first) != sample(&ray)) {
+                    count(std::mem::take(&mut waiting));
                 }
-                of_group.push(sample);
+                waiting.push(ray);
             }
         });
-        self.count_group(&mut of_group, &mut variates, &mut sums);
+        count(waiting);
+        self.count_pair(&mut of_pair, &mut variates, &mut sums);
+        self.tile_done(variates, sums)
+    }
+
+    /// A tile whose samples are all counted.
+    fn tile_done(&self, mut variates: Vec<Variate>, mut sums: TileSums) -> Tile {
         for (from, variate) in &mut variates {
             self.end_pixel(variate, *from, &mut sums);
         }
         sums.done()
     }
 
-    /// Adds the samples of a group of pixels to the sums, pixel by pixel.
-    fn count_group(&self, samples: &mut Vec<(CameraRay, CameraLight)>, variates: &mut [Variate], sums: &mut TileSums) {
+    /// Adds the samples of a pair of groups of pixels to the sums, pixel by pixel.
+    fn count_pair(&self, samples: &mut Vec<(CameraRay, CameraLight)>, variates: &mut [Variate], sums: &mut TileSums) {
         samples.sort_by_key(|(ray, _)| (ray.pixel[1], ray.pixel[0]));
         for (ray, light) in samples.drain(..) {
             self.count(&ray, &light, variates, sums);
@@ -145,18 +169,12 @@ impl Unit<'_> {
         }
     }
 
-    /// Traces the paths of some camera rays: those of the same sample of a group of pixels together, where there are groups.
+    /// Traces the paths of some camera rays: where there are groups of pixels, those of a sample of a pair of them.
     fn trace<R: Record>(&self, rays: &[CameraRay], paths: &[CameraPath], record: R) -> Vec<R::Light> {
         let settings = &self.settings.path;
         let Some(groups) = &self.groups else { return self.scene.trace(paths, record, settings) };
-        let group = |ray: &CameraRay| (ray.sampler.number(), groups.of(ray.pixel));
-        let mut left = paths;
-        let mut next = |of_rays: &[CameraRay]| {
-            let (paths, after) = left.split_at(of_rays.len());
-            left = after;
-            self.scene.trace_group(paths, record, settings)
-        };
-        rays.chunk_by(|a, b| group(a) == group(b)).flat_map(&mut next).collect()
+        let of_first = groups.len_of_first(rays.iter().map(|ray| ray.pixel));
+        self.scene.trace_groups(paths.split_at(of_first).into(), record, settings)
     }
 
     /// Light along camera paths that are followed with their polarisation: behind the polariser, if there is one.

@@ -4,7 +4,7 @@
 
 use super::TILE;
 use super::camera_rays::CameraRay;
-use super::pixel_groups::GROUP;
+use super::pixel_groups::{GROUP, PAIR, PAIRS};
 use super::unit::Unit;
 use super::{Exposure, Integrator};
 use diopter_light::random::{Sampler, SamplerKind};
@@ -198,8 +198,8 @@ impl Exposure<'_> {
         let film = [self.camera.film.columns, self.camera.film.rows];
         let pairs = film[0] * film[1] / (FILM_A_PAIR * BLOCKS * BLOCKS);
         let side = pairs.isqrt().clamp(PAIR_SIDE.0, PAIR_SIDE.1);
-        // As many pixels, in groups.
-        let side = if may_reuse { (side * side / GROUP).isqrt().max(1) } else { side };
+        // As many pixels, in pairs of groups.
+        let side = if may_reuse { (side * side / PAIR).isqrt().max(1) } else { side };
         // Sums of whole numbers: the same in any order.
         let (followed, events) = (AtomicU64::new(0), AtomicU64::new(0));
         let group = |block: usize, k: usize| -> Vec<Pair> {
@@ -208,21 +208,25 @@ impl Exposure<'_> {
                 None => vec![pixel],
                 Some(groups) => {
                     let tile = pixel.map(|at| at / TILE * TILE);
-                    let of_group = (0..GROUP).map(|number| groups.pixel(tile, k % groups.groups(), number));
-                    of_group.filter(|[x, y]| *x < film[0] && *y < film[1]).collect()
+                    let of_pair = (0..PAIR).map(|number| groups.pixel(tile, k % PAIRS * 2 + number / GROUP, number % GROUP));
+                    of_pair.filter(|[x, y]| *x < film[0] && *y < film[1]).collect()
                 }
             };
             let samplers_of = |number: usize| {
-                let (seed, pixel) = (self.settings.seed ^ !SEED, (block as u32, (k * GROUP + number) as u32));
+                let (seed, pixel) = (self.settings.seed ^ !SEED, (block as u32, (k * PAIR + number) as u32));
                 [0, 1].map(|replicate| Sampler::new(SamplerKind::Independent, seed, pixel, replicate, 2))
             };
-            let of_group = samplers_of(0)[0];
+            let len_of_first =
+                |pixels: &[[usize; 2]]| unit.groups.map_or(0, |groups| groups.len_of_first(pixels.iter().copied()));
+            let second = len_of_first(&pixels);
+            let of_groups = [0, second].map(|first| samplers_of(first)[0]);
             // One camera ray: what film, lens and wavelengths add to the noise is the same with and without help.
             let begin = |(number, [column, row]): (usize, &[usize; 2])| {
                 let samplers = samplers_of(number);
-                Some((unit.camera_ray(*column, *row, &samplers[0], &of_group)?, samplers))
+                Some((unit.camera_ray(*column, *row, &samplers[0], &of_groups[usize::from(number >= second)])?, samplers))
             };
             let rays: Vec<_> = pixels.iter().enumerate().filter_map(begin).collect();
+            let of_first = len_of_first(&rays.iter().map(|(camera, _)| camera.pixel).collect::<Vec<_>>());
             let mut pairs = vec![Pair::default(); rays.len()];
             for replicate in [0, 1] {
                 for candidate in &tried {
@@ -237,7 +241,9 @@ impl Exposure<'_> {
                     };
                     let paths: Vec<CameraPath> = rays.iter().map(path).collect();
                     let radiances = match candidate {
-                        Candidate::Reuse => self.scene.trace_group(&paths, Radiance, &self.settings.path),
+                        Candidate::Reuse => {
+                            self.scene.trace_groups(paths.split_at(of_first).into(), Radiance, &self.settings.path)
+                        }
                         Candidate::Alone => {
                             let both = self.scene.trace(&paths, RadianceAndEvents, &self.settings.path);
                             followed.fetch_add(both.len() as u64, Ordering::Relaxed);

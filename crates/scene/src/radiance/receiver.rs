@@ -21,6 +21,8 @@ pub(super) struct Receiver {
     pub time_s: f32,
     /// Probability with which a light sample goes to the environment.
     pub sky_probability: f32,
+    /// What light at the next surface is multiplied by on its way to the film, mean over the wavelengths.
+    pub onward: f32,
 }
 
 impl Receiver {
@@ -43,7 +45,8 @@ impl Receiver {
     }
 }
 
-/// The receivers of a group, and their scattering functions.
+/// The receivers of a group, in the order of their paths, and their scattering functions.
+#[derive(Default)]
 pub(super) struct Receivers<'a> {
     pub all: Vec<Receiver>,
     pub bsdfs: Vec<Bsdf<'a>>,

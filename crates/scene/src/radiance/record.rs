@@ -17,9 +17,9 @@ pub trait Record: Copy {
     /// Traces paths, each alone, in their order. Called by [`Scene::trace`].
     fn trace(self, scene: &Scene, paths: &[CameraPath], settings: &PathSettings) -> Vec<Self::Light>;
 
-    /// Traces a group of paths that may reuse each other's light. Called by [`Scene::trace_group`]; what cannot be shared out is traced path by path.
-    fn trace_group(self, scene: &Scene, paths: &[CameraPath], settings: &PathSettings) -> Vec<Self::Light> {
-        self.trace(scene, paths, settings)
+    /// Traces two groups of paths that may reuse the light of their own group. Called by [`Scene::trace_groups`]; what cannot be shared out is traced path by path.
+    fn trace_groups(self, scene: &Scene, groups: [&[CameraPath]; 2], settings: &PathSettings) -> Vec<Self::Light> {
+        groups.into_iter().flat_map(|paths| self.trace(scene, paths, settings)).collect()
     }
 }
 
@@ -57,8 +57,8 @@ impl Record for Radiance {
         paths.iter().map(|path| transport.follow(path, SampledSpectrum::ZERO)).collect()
     }
 
-    fn trace_group(self, scene: &Scene, paths: &[CameraPath], settings: &PathSettings) -> Vec<SampledSpectrum> {
-        Transport { scene, settings }.follow_group(paths, || SampledSpectrum::ZERO)
+    fn trace_groups(self, scene: &Scene, groups: [&[CameraPath]; 2], settings: &PathSettings) -> Vec<SampledSpectrum> {
+        Transport { scene, settings }.follow_groups(groups, || SampledSpectrum::ZERO)
     }
 }
 
@@ -70,8 +70,8 @@ impl Record for RadianceAndDirect {
         paths.iter().map(|path| transport.follow(path, DirectTally::default()).both()).collect()
     }
 
-    fn trace_group(self, scene: &Scene, paths: &[CameraPath], settings: &PathSettings) -> Vec<[SampledSpectrum; 2]> {
-        let tallies = Transport { scene, settings }.follow_group(paths, DirectTally::default);
+    fn trace_groups(self, scene: &Scene, groups: [&[CameraPath]; 2], settings: &PathSettings) -> Vec<[SampledSpectrum; 2]> {
+        let tallies = Transport { scene, settings }.follow_groups(groups, DirectTally::default);
         tallies.into_iter().map(DirectTally::both).collect()
     }
 }

@@ -9,6 +9,7 @@
 
 use super::path::{Path, Transport};
 use super::receiver::{Receiver, Receivers};
+use super::reuse_extent::{LightLevel, mean, within};
 use super::tally::Tally;
 use crate::light::LightPoint;
 use diopter_light::SampledSpectrum;
@@ -16,7 +17,7 @@ use glam::Vec3;
 
 /// What a path of the group saw of the environment from its receiver.
 pub(super) struct SkySample {
-    path: usize,
+    pub path: usize,
     /// Scattering events before the receiver: others after as many are lent to, so that direct light stays what paths of one event have.
     depth: u32,
     /// Unit direction.
@@ -60,8 +61,14 @@ impl<'a> Transport<'a> {
         Some(SkySample { path: receiver.path, depth: receiver.depth, wi, radiance })
     }
 
-    /// Adds what all samples of the environment bring to all receivers.
-    pub fn lend_sky<T: Tally>(&self, receivers: &Receivers<'a>, samples: &[SkySample], tallies: &mut [T]) {
+    /// About what a sample brings to a white surface that faces it.
+    pub fn sky_brightness(&self, sample: &SkySample) -> f32 {
+        let density = self.scene.lights().environment.as_ref().map_or(0.0, |environment| environment.pdf(sample.wi));
+        mean(sample.radiance) / (1.0 + std::f32::consts::PI * density)
+    }
+
+    /// Adds what samples of the environment bring to the receivers that they are lent to.
+    pub fn lend_sky<T: Tally>(&self, receivers: &Receivers<'a>, samples: &[SkySample], level: LightLevel, tallies: &mut [T]) {
         let Some(environment) = &self.scene.lights().environment else { return };
         let mut facing: Vec<(&Receiver, SampledSpectrum, f32)> = Vec::with_capacity(receivers.all.len());
         let mut shadow_rays = Vec::with_capacity(receivers.all.len());
@@ -70,7 +77,9 @@ impl<'a> Transport<'a> {
             facing.clear();
             shadow_rays.clear();
             let by_light = environment.pdf(sample.wi);
-            for (receiver, bsdf) in receivers.all.iter().zip(&receivers.bsdfs) {
+            let part = level.part_for_sky(self.sky_brightness(sample), sample.path, tallies.len());
+            let range = within(&receivers.all, &part);
+            for (receiver, bsdf) in receivers.all[range.clone()].iter().zip(&receivers.bsdfs[range]) {
                 if receiver.depth != sample.depth || sample.wi.dot(receiver.ng) <= 0.0 {
                     continue;
                 }

@@ -121,7 +121,7 @@ fn description() -> Description {
     Description { meshes: vec![faceted.into(), curtain.into()], materials, objects, punctual, environment, ..Default::default() }
 }
 
-/// Camera paths of a group around the middle of a cell of a grid of 6 × 5 over the view.
+/// Camera paths of a group in a part of a cell of a grid of 6 × 5 over the view, from left to right.
 fn group(cell: u32, sample: u32, rgb: bool) -> Vec<CameraPath<'static>> {
     let drawn = if rgb { WavelengthSampler::rgb() } else { WavelengthSampler::uniform() };
     let of_group = Sampler::new(SamplerKind::Independent, 9, (cell, 0), sample, 1 << 20);
@@ -129,7 +129,7 @@ fn group(cell: u32, sample: u32, rgb: bool) -> Vec<CameraPath<'static>> {
     let path = |member: u32| {
         let sampler = Sampler::new(SamplerKind::Independent, 3, (cell, member), sample, 1 << 20);
         let [a, b, ..] = sampler.get(Dimensions::Camera);
-        let [x, y] = [(cell % 6) as f32 + 0.5 * a, (cell / 6) as f32 + 0.5 * b];
+        let [x, y] = [(cell % 6) as f32 + 0.5 * (member as f32 + a) / GROUP as f32, (cell / 6) as f32 + 0.5 * b];
         let direction = Vec3::new(-0.8 + 0.27 * x, -0.5 + 0.2 * y, -1.0).normalize();
         CameraPath::new(Ray { origin: Vec3::new(0.1, 0.2, 1.9), direction, time_s: 0.0 }, wavelengths, sampler)
     };
@@ -152,9 +152,13 @@ fn lent_light_has_the_mean_of_paths_alone() {
             // Sum and sum of squares of the difference of a group's means, and the light of either.
             let (mut sum, mut squares, mut light) = (0.0f64, 0.0f64, [0.0f64; 2]);
             for sample in 0..samples {
-                let paths = group(cell, sample, rgb);
-                let [lent, alone] = [scene.trace_group(&paths, Radiance, &settings), scene.trace(&paths, Radiance, &settings)]
-                    .map(|group| f64::from(group.iter().sum::<SampledSpectrum>().element_sum()) / f64::from(4 * GROUP));
+                // What is dim beside the light of the other group is lent within halves, which see different things.
+                let groups = [0, samples].map(|first| group(cell, first + sample, rgb));
+                let lent = scene.trace_groups([&groups[0], &groups[1]], Radiance, &settings);
+                let alone = groups.iter().flat_map(|group| scene.trace(group, Radiance, &settings)).collect();
+                let [lent, alone] = [lent, alone].map(|all: Vec<SampledSpectrum>| {
+                    f64::from(all.iter().sum::<SampledSpectrum>().element_sum()) / f64::from(8 * GROUP)
+                });
                 differs += u32::from(lent != alone);
                 (sum, squares) = (sum + lent - alone, squares + (lent - alone).powi(2));
                 light = [light[0] + lent, light[1] + alone];
@@ -213,7 +217,7 @@ fn light_that_came_through_a_curtain_is_not_lent() {
             let origin = Vec3::new(side * (0.1 + 0.8 * place[0]), 1.0, place[1] - 0.5);
             path.cone.ray = Ray { origin, direction: Vec3::NEG_Y, time_s: 0.0 };
         }
-        let [lent, alone] = [scene.trace_group(&paths, Radiance, &settings), scene.trace(&paths, Radiance, &settings)]
+        let [lent, alone] = [scene.trace_groups([&paths, &[]], Radiance, &settings), scene.trace(&paths, Radiance, &settings)]
             // One side alone: all of a group gets the same light, shared out.
             .map(|group| group.iter().step_by(2).map(|light| f64::from(light.x)).sum::<f64>() / f64::from(GROUP / 2));
         (sum, squares, light) = (sum + lent - alone, squares + (lent - alone).powi(2), light + alone);
@@ -244,7 +248,7 @@ fn an_even_room_stays_even() {
     for cell in 0..400u32 {
         let mut paths = group(cell % 30, cell, false);
         paths.iter_mut().for_each(|path| path.cone.ray.origin = Vec3::new(0.5, 0.5, 0.8));
-        let lent = scene.trace_group(&paths, Radiance, &settings);
+        let lent = scene.trace_groups([&paths, &[]], Radiance, &settings);
         means.push(lent.iter().map(|light| f64::from(light.x)).sum::<f64>() / f64::from(GROUP));
     }
     let n = means.len() as f64;
@@ -268,7 +272,7 @@ fn lent_light_is_far_less_noisy() {
         }
         // At equal means, mean squares differ as variances do.
         let squares = |group: &[SampledSpectrum]| group.iter().map(|light| f64::from(light.element_sum()).powi(2)).sum::<f64>();
-        lent += squares(&scene.trace_group(&paths, Radiance, &settings));
+        lent += squares(&scene.trace_groups([&paths, &[]], Radiance, &settings));
         alone += squares(&scene.trace(&paths, Radiance, &settings));
     }
     println!("mean squares {lent} {alone}");
@@ -303,8 +307,10 @@ fn what_is_seen_of_the_sky_through_a_gap_is_lent() {
         let (mut sum, mut squares, mut expected, mut mean_squares, n) = (0.0f64, 0.0f64, 0.0f64, [0.0f64; 2], 2000);
         for sample in 0..n {
             let paths = group(sample % 30, sample, true);
-            let both =
-                [scene.trace_group(&paths, RadianceAndDirect, &settings), scene.trace(&paths, RadianceAndDirect, &settings)];
+            let both = [
+                scene.trace_groups([&paths, &[]], RadianceAndDirect, &settings),
+                scene.trace(&paths, RadianceAndDirect, &settings),
+            ];
             // All of it is direct light.
             assert!(both.iter().flatten().all(|[all, direct]| all == direct));
             let both = both.map(|light| light.iter().map(|[all, _]| f64::from(all.x)).collect::<Vec<_>>());
@@ -333,20 +339,24 @@ fn direct_light_of_lamps_is_not_lent_and_groups_that_may_not_lend_are_paths_alon
     let mut differ = 0;
     for cell in 0..30 {
         let paths = group(cell, 7, false);
-        let both = scene.trace_group(&paths, RadianceAndDirect, &settings);
+        let both = scene.trace_groups([&paths, &[]], RadianceAndDirect, &settings);
         let alone = scene.trace(&paths, RadianceAndDirect, &settings);
         for ([all, direct], [_, expected]) in both.iter().zip(&alone) {
             assert_eq!(direct, expected, "cell {cell}");
             assert!(direct.cmple(*all * (1.0 + 1e-6)).all(), "cell {cell}: {direct} {all}");
         }
         let all: Vec<SampledSpectrum> = both.iter().map(|[all, _]| *all).collect();
-        assert_eq!(scene.trace_group(&paths, Radiance, &settings), all, "cell {cell}");
+        assert_eq!(scene.trace_groups([&paths, &[]], Radiance, &settings), all, "cell {cell}");
         differ += u32::from(all != scene.trace(&paths, Radiance, &settings));
         let with_photons = paths.iter().map(|p| CameraPath { light_paths: LightPaths::of_photons(Some(&photons)), ..*p });
         let of_other_colors =
             paths.iter().enumerate().map(|(k, p)| CameraPath { wavelengths: drawn.sample(k as f32 / 16.0), ..*p });
         for paths in [with_photons.collect::<Vec<_>>(), of_other_colors.collect(), paths[..1].to_vec(), Vec::new()] {
-            assert_eq!(scene.trace_group(&paths, Radiance, &settings), scene.trace(&paths, Radiance, &settings), "cell {cell}");
+            assert_eq!(
+                scene.trace_groups([&paths, &[]], Radiance, &settings),
+                scene.trace(&paths, Radiance, &settings),
+                "cell {cell}"
+            );
         }
     }
     assert!(differ > 20, "{differ}");
