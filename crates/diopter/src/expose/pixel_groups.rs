@@ -8,10 +8,9 @@ use diopter_light::random::mix;
 /// Pixels of a group, in whole tiles.
 pub(super) const GROUP: usize = 64;
 
-/// Pixels of a film that records radiance, from which on blocks are whole tiles: on smaller ones a tile is a large part of the picture, and its pixels see different things.
+/// Pixels of a film that records radiance, from which on blocks are whole tiles: on smaller ones a tile is a large part of the picture, and its pixels see different things. Not so of films that count electrons: what all
+/// of a small block's pixels have in common is no noise to a filter, but a square that stays, in the colours of a mosaic.
 const LARGE: usize = 1 << 17;
-/// The same of one that counts electrons: what every other pixel of a small block has in common is no noise to a filter, but a square that stays, in the colours of a mosaic.
-const LARGE_SENSOR: usize = 1 << 13;
 
 /// Pixels of a pair of groups, and pairs of a tile.
 pub(super) const PAIR: usize = 2 * GROUP;
@@ -35,8 +34,7 @@ pub(super) struct PixelGroups {
 impl PixelGroups {
     /// Those of a film, and whether it records radiance.
     pub fn new(film: &Film, in_radiance: bool) -> Self {
-        let large = if in_radiance { LARGE } else { LARGE_SENSOR };
-        match film.columns * film.rows < large {
+        match in_radiance && film.columns * film.rows < LARGE {
             true => PixelGroups { block: TILE / 2, cell: [1, 1] },
             false => PixelGroups { block: TILE, cell: [2, 2] },
         }
@@ -109,7 +107,9 @@ mod tests {
 
     #[test]
     fn each_pixel_of_a_tile_belongs_to_one_group_and_groups_have_one_in_each_cell() {
-        for (size, in_radiance, block) in [(64, true, 8), (240, true, 8), (640, true, TILE), (64, false, 8), (240, false, TILE)] {
+        for (size, in_radiance, block) in
+            [(64, true, 8), (240, true, 8), (640, true, TILE), (64, false, TILE), (240, false, TILE)]
+        {
             let groups = PixelGroups::new(&Film::new(36.0, 24.0, size, size), in_radiance);
             assert_eq!(groups.block, block);
             for tile in [[0, 0], [TILE, 3 * TILE], [40 * TILE, 7 * TILE]] {

@@ -53,16 +53,16 @@ fn the_claimed_variance_of_pixels_that_lend_light_is_that_between_seeds_and_mean
         };
         let (alone, _, before) = of(Integrator::Path);
         let (lent, claimed, seen) = of(Integrator::PathReuse);
-        // Seed by seed, for the paths are the same.
+        // Seed by seed, for the paths are the same, but for roulette behind donors.
         let (n, light) = (SEEDS as f64, alone.iter().sum::<f64>());
         let differences: Vec<f64> = lent.iter().zip(&alone).map(|(a, b)| a - b).collect();
         let mean = differences.iter().sum::<f64>() / n;
         let error = (differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n * (n - 1.0))).sqrt();
         let (of_claimed, of_before, of_light) = (claimed / seen, seen / before, mean * n / light);
         println!("claimed over seen {of_claimed}, of that of paths alone {of_before}, light {of_light:e}, z {}", mean / error);
-        // 726 pixels of 30 seeds, in groups of up to 32 that are alike: 2 %, 5 % with what is common.
+        // 726 pixels of 30 seeds, in groups of up to 64 that are alike: 2 %, 5 % with what is common.
         assert!((claimed / seen - 1.0).abs() < 0.1, "{claimed} {seen}");
-        assert!(mean.abs() < 4.0 * error && error * n < 1e-3 * light, "{of_light} {mean} {error}");
+        assert!(mean.abs() < 4.0 * error && error * n < 2e-3 * light, "{of_light} {mean} {error}");
         assert!(seen < 0.5 * before, "{seen} {before}");
     }
 }

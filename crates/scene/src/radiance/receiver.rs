@@ -21,6 +21,8 @@ pub(super) struct Receiver {
     pub time_s: f32,
     /// Probability with which a light sample goes to the environment.
     pub sky_probability: f32,
+    /// Light that its path found up to here but for that of the environment, mean over the wavelengths.
+    pub direct: f32,
     /// What light at the next surface is multiplied by on its way to the film, mean over the wavelengths.
     pub onward: f32,
 }

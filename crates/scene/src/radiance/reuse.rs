@@ -135,7 +135,7 @@ impl Found {
 }
 
 impl Scene {
-    /// Whether paths of several pixels may lend one another light ([`Scene::trace_group`]): nothing moves or flickers, there is no fog around, and there are no splats or soft strands, which rays go through by chance.
+    /// Whether paths of several pixels may lend one another light ([`Scene::trace_groups`]): nothing moves or flickers, there is no fog around, and there are no splats or soft strands, which rays go through by chance.
     pub fn lets_paths_be_reused(&self) -> bool {
         let is_certain = |object: &Object| {
             let material = self.material_at(object.material);
@@ -163,13 +163,28 @@ impl<'a> Transport<'a> {
             let tallies = cameras.iter().enumerate().map(follow).collect();
             Followed { group, tallies }
         });
-        let levels = [0, 1].map(|k| self.light_level(&followed[1 - k]));
-        for (followed, level) in followed.iter_mut().zip(levels) {
+        let levels = [0, 1].map(|k| (self.direct_level(&followed[1 - k].group), self.light_level(&followed[1 - k])));
+        for (followed, (direct, all)) in followed.iter_mut().zip(levels) {
             let Followed { group: Group { receivers, donors, sky }, tallies } = followed;
-            self.lend_sky(receivers, sky, level, tallies);
-            self.lend(receivers, donors, level, tallies);
+            self.lend_sky(receivers, sky, direct, tallies);
+            self.lend(receivers, donors, all, tallies);
         }
         followed.into_iter().flat_map(|followed| followed.tallies).collect()
+    }
+
+    /// The direct light of a group before it is lent, of paths that are scattered at what they see: the same where all paths end after one event.
+    fn direct_level(&self, Group { receivers, sky, .. }: &Group<'a>) -> LightLevel {
+        let mut level = LightLevel::default();
+        let mut samples = sky.iter().peekable();
+        for receiver in receivers.all.iter().filter(|receiver| receiver.depth == 0) {
+            while samples.next_if(|sample| sample.path < receiver.path).is_some() {}
+            let mut lent = 0.0;
+            while let Some(sample) = samples.next_if(|sample| sample.path == receiver.path) {
+                lent += self.sky_brightness(sample);
+            }
+            level.add(receiver.direct + lent * receiver.onward, Some(receiver.onward));
+        }
+        level
     }
 
     /// The light of a group before it is lent.
@@ -229,6 +244,7 @@ impl<'a> Transport<'a> {
                         depth,
                         time_s,
                         sky_probability,
+                        direct: 0.0,
                         onward: 0.0,
                     });
                     receivers.bsdfs.push(bsdf);
@@ -243,7 +259,7 @@ impl<'a> Transport<'a> {
                 return path.tally;
             }
             if let Some(receiver) = receivers.all.get_mut(before) {
-                receiver.onward = mean(path.throughput);
+                (receiver.direct, receiver.onward) = (mean(path.tally.all()), mean(path.throughput));
             }
         }
         let Some(receiver) = receivers.all.get(before) else { return self.follow_on(path) };

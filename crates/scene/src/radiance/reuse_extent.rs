@@ -116,7 +116,9 @@ mod tests {
         // 32 × 2 × 0.5 / 2.
         assert_eq!(level.part_for_sky(2.0, 40, 64), 32..48);
         assert_eq!(level.part_for_glossy(40, 64), 0..64, "nothing is known");
-        [0.0, 2.0, 6.0].map(|brightness| level.add_glossy(brightness));
+        for brightness in [0.0, 2.0, 6.0] {
+            level.add_glossy(brightness);
+        }
         assert_eq!(level.part_for_glossy(40, 64), 32..48);
         // One bright path of many counts by its root.
         level.add(2.0e4, Some(0.5));
