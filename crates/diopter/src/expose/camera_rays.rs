@@ -3,7 +3,7 @@
 use super::diffraction::Displaced;
 use super::dispersion_variate::PixelFootprint;
 use super::light_tracing::CameraSample;
-use super::pixel_groups::{GROUP, PAIR, PAIRS, PixelGroups};
+use super::pixel_groups::{PAIR, PAIRS, PixelGroups};
 use super::unit::Unit;
 use crate::camera::Film;
 use crate::mount::M2_PER_MM2;
@@ -121,7 +121,7 @@ impl Numbers {
         if let Some(groups) = &self.groups {
             let (of_pair, member) = (number / PAIR, number % PAIR);
             let (pair, sample) = (of_pair / self.samples.len(), of_pair % self.samples.len());
-            let [x, y] = groups.pixel([column, row], 2 * pair + member / GROUP, member % GROUP);
+            let [x, y] = groups.pixel_of_pair([column, row], pair, member);
             return (x < column + width && y < row + height).then(|| (x, y, self.samples.start + sample as u32));
         }
         let (pixel, sample) = (number / self.samples.len(), number % self.samples.len());

@@ -55,7 +55,7 @@ impl PixelGroups {
     /// Column and row of a pixel of a group, by its number in it, in the tile with this first pixel; of tiles at the rim some lie beside the film. Pixels of like numbers are near one another: each
     /// power of two of them that follow one another, from a multiple of that on, lies in a square or half of one (Morton 1966).
     #[inline]
-    pub fn pixel(&self, [left, top]: [usize; 2], group: usize, number: usize) -> [usize; 2] {
+    fn pixel(&self, [left, top]: [usize; 2], group: usize, number: usize) -> [usize; 2] {
         let (n, [width, height]) = (self.groups_a_block(), self.cell);
         let (block, group) = (group / n, group % n);
         let blocks = TILE / self.block;
@@ -64,6 +64,12 @@ impl PixelGroups {
         let [odd, shift] = Self::numbering(cell);
         let place = (group + 8 - shift) * odd % n;
         [cell[0] * width + place % width, cell[1] * height + place / width]
+    }
+
+    /// The same of a pair of groups: pixels of one group before those of the other.
+    #[inline]
+    pub fn pixel_of_pair(&self, tile: [usize; 2], pair: usize, number: usize) -> [usize; 2] {
+        self.pixel(tile, 2 * pair + number / GROUP, number % GROUP)
     }
 
     /// The group of a pixel: the first pixel of its block, and its number in the block.

@@ -74,17 +74,18 @@ impl Unit<'_> {
         let by_pixel = !variates.is_empty();
         let mut of_pair: Vec<(CameraRay, CameraLight)> = Vec::new();
         let pair = |ray: &CameraRay| groups.pair_of(ray.pixel);
-        let mut count = |rays: Vec<CameraRay>| {
-            let light = self.light_along(&rays, light_paths);
+        // Empties the rays, all of a sample of a pair.
+        let mut count = |rays: &mut Vec<CameraRay>| {
+            let light = self.light_along(rays, light_paths);
             if !by_pixel {
-                return rays.iter().zip(light).for_each(|(ray, light)| self.count(ray, &light, &mut variates, &mut sums));
+                return rays.drain(..).zip(light).for_each(|(ray, light)| self.count(&ray, &light, &mut variates, &mut sums));
             }
             if let (Some((before, _)), Some(ray)) = (of_pair.first(), rays.first())
                 && pair(before) != pair(ray)
             {
                 self.count_pair(&mut of_pair, &mut variates, &mut sums);
             }
-            of_pair.extend(rays.into_iter().zip(light));
+            of_pair.extend(rays.drain(..).zip(light));
         };
         // Samples of a pair come in parts; they are traced together.
         let sample = |ray: &CameraRay| (ray.sampler.number(), pair(ray));
@@ -92,12 +93,12 @@ impl Unit<'_> {
         self.camera_rays(&numbers, by_pixel, |rays| {
             for ray in rays.drain(..) {
                 if waiting.first().is_some_and(|first| sample(first) != sample(&ray)) {
-                    count(std::mem::take(&mut waiting));
+                    count(&mut waiting);
                 }
                 waiting.push(ray);
             }
         });
-        count(waiting);
+        count(&mut waiting);
         self.count_pair(&mut of_pair, &mut variates, &mut sums);
         self.tile_done(variates, sums)
     }

@@ -4,7 +4,7 @@
 
 use super::TILE;
 use super::camera_rays::CameraRay;
-use super::pixel_groups::{GROUP, PAIR, PAIRS};
+use super::pixel_groups::{PAIR, PAIRS};
 use super::unit::Unit;
 use super::{Exposure, Integrator};
 use diopter_light::random::{Sampler, SamplerKind};
@@ -209,7 +209,7 @@ impl Exposure<'_> {
                 None => vec![pixel],
                 Some(groups) => {
                     let tile = pixel.map(|at| at / TILE * TILE);
-                    let of_pair = (0..PAIR).map(|number| groups.pixel(tile, k % PAIRS * 2 + number / GROUP, number % GROUP));
+                    let of_pair = (0..PAIR).map(|number| groups.pixel_of_pair(tile, k % PAIRS, number));
                     of_pair.filter(|[x, y]| *x < film[0] && *y < film[1]).collect()
                 }
             };

@@ -48,7 +48,6 @@ impl Receiver {
 }
 
 /// The receivers of a group, in the order of their paths, and their scattering functions.
-#[derive(Default)]
 pub(super) struct Receivers<'a> {
     pub all: Vec<Receiver>,
     pub bsdfs: Vec<Bsdf<'a>>,

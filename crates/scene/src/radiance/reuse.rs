@@ -1,8 +1,8 @@
 //! Paths of a group of pixels lend one another the light that they found.
 //!
 //! Where a path meets its first surface that is not a mirror or clear glass (the receiver), it goes on to a second one (the donor), and follows the light that leaves that one towards the first. That light
-//! would have served the other paths of the group as well: each receiver of the group is connected with each donor by a shadow ray, and what arrives is weighted by the balance heuristic over all paths of
-//! the group that could have found this donor. Unbiased; indirect light of a group of n pixels has up to n times less variance, for n − 1 shadow rays a path. Errors of the pixels of a
+//! would have served the other paths of the group as well: each donor is connected with receivers of the group by shadow rays, the brighter it is with the more of them ([`super::reuse_extent`]), and what arrives is weighted by the balance
+//! heuristic over all of these paths, which could have found this donor. Unbiased; indirect light that n pixels are lent has up to n times less variance, for n − 1 shadow rays. Errors of the pixels of a
 //! group are correlated, those of samples of one pixel are not.
 //!
 //! Sources: Bekaert, Sbert & Halton 2002, "Accelerating Path Tracing by Re-Using Paths", EGWR; Veach 1997, §9.2 (balance heuristic).
@@ -84,17 +84,46 @@ struct Donor<'a> {
 }
 
 /// What the paths of a group lend one another, and where they receive it.
-#[derive(Default)]
 struct Group<'a> {
     receivers: Receivers<'a>,
     donors: Vec<Donor<'a>>,
     sky: Vec<SkySample>,
 }
 
+impl Group<'_> {
+    /// One of so many paths, none of which was followed yet.
+    fn of(paths: usize) -> Self {
+        let receivers = Receivers { all: Vec::with_capacity(paths), bsdfs: Vec::with_capacity(paths) };
+        Group { receivers, donors: Vec::with_capacity(paths), sky: Vec::new() }
+    }
+}
+
 /// A group whose paths were followed: what they lend one another, and what each brings by itself.
 struct Followed<'a, T> {
     group: Group<'a>,
     tallies: Vec<T>,
+}
+
+impl<T: Divisible> Followed<'_, T> {
+    /// Light before it is lent: direct light of paths that are scattered at what they see, which is the same where all paths end after one event; and all light.
+    fn levels(&self) -> [LightLevel; 2] {
+        let Followed { group: Group { receivers, donors, sky }, tallies } = self;
+        let (mut of_sky, mut of_donors) = (vec![0.0; tallies.len()], vec![0.0; tallies.len()]);
+        sky.iter().for_each(|sample| of_sky[sample.path] += sample.brightness());
+        donors.iter().for_each(|donor| of_donors[donor.path] += donor.brightness() + donor.further_brightness());
+        let [mut direct, mut all] = [LightLevel::default(); 2];
+        donors.iter().filter(|donor| donor.bsdf.is_some()).for_each(|donor| all.add_glossy(donor.brightness()));
+        let mut left = receivers.all.iter().peekable();
+        for (path, tally) in tallies.iter().enumerate() {
+            let receiver = left.next_if(|receiver| receiver.path == path);
+            if let Some(receiver) = receiver.filter(|receiver| receiver.depth == 0) {
+                direct.add(receiver.direct + of_sky[path] * receiver.onward, Some(receiver.onward));
+            }
+            let onward = receiver.map(|receiver| receiver.onward);
+            all.add(mean(tally.all()) + (of_sky[path] + of_donors[path]) * onward.unwrap_or_default(), onward);
+        }
+        [direct, all]
+    }
 }
 
 /// What is kept of a path while it follows the light of its donor.
@@ -155,7 +184,7 @@ impl<'a> Transport<'a> {
     pub fn follow_groups<T: Divisible>(&self, groups: [&'a [CameraPath<'a>]; 2], tally: impl Fn() -> T) -> Vec<T> {
         let mut followed = groups.map(|cameras| {
             let lends = cameras.len() >= 2 && may_lend(cameras, self.scene);
-            let mut group = Group::default();
+            let mut group = Group::of(cameras.len());
             let follow = |(number, camera)| match lends {
                 true => self.follow_divided(camera, tally(), number, &mut group),
                 false => self.follow(camera, tally()),
@@ -163,50 +192,13 @@ impl<'a> Transport<'a> {
             let tallies = cameras.iter().enumerate().map(follow).collect();
             Followed { group, tallies }
         });
-        let levels = [0, 1].map(|k| (self.direct_level(&followed[1 - k].group), self.light_level(&followed[1 - k])));
-        for (followed, (direct, all)) in followed.iter_mut().zip(levels) {
+        let of_other = [1, 0].map(|other: usize| followed[other].levels());
+        for (followed, [direct, all]) in followed.iter_mut().zip(of_other) {
             let Followed { group: Group { receivers, donors, sky }, tallies } = followed;
             self.lend_sky(receivers, sky, direct, tallies);
             self.lend(receivers, donors, all, tallies);
         }
         followed.into_iter().flat_map(|followed| followed.tallies).collect()
-    }
-
-    /// The direct light of a group before it is lent, of paths that are scattered at what they see: the same where all paths end after one event.
-    fn direct_level(&self, Group { receivers, sky, .. }: &Group<'a>) -> LightLevel {
-        let mut level = LightLevel::default();
-        let mut samples = sky.iter().peekable();
-        for receiver in receivers.all.iter().filter(|receiver| receiver.depth == 0) {
-            while samples.next_if(|sample| sample.path < receiver.path).is_some() {}
-            let mut lent = 0.0;
-            while let Some(sample) = samples.next_if(|sample| sample.path == receiver.path) {
-                lent += self.sky_brightness(sample);
-            }
-            level.add(receiver.direct + lent * receiver.onward, Some(receiver.onward));
-        }
-        level
-    }
-
-    /// The light of a group before it is lent.
-    fn light_level<T: Divisible>(&self, followed: &Followed<'a, T>) -> LightLevel {
-        let Followed { group: Group { receivers, donors, sky }, tallies } = followed;
-        let mut lent = vec![0.0; tallies.len()];
-        let mut onward = vec![None; tallies.len()];
-        for receiver in &receivers.all {
-            onward[receiver.path] = Some(receiver.onward);
-        }
-        for donor in donors {
-            lent[donor.path] += donor.brightness() + donor.further_brightness();
-        }
-        for sample in sky {
-            lent[sample.path] += self.sky_brightness(sample);
-        }
-        let mut level = LightLevel::default();
-        donors.iter().filter(|donor| !donor.is_diffuse).for_each(|donor| level.add_glossy(donor.brightness()));
-        for ((tally, lent), onward) in tallies.iter().zip(lent).zip(onward) {
-            level.add(mean(tally.all()) + lent * onward.unwrap_or_default(), onward);
-        }
-        level
     }
 
     /// Follows a path, and leaves out of its tally what its donor brings and what it sees of the environment from its receiver.
@@ -392,12 +384,13 @@ impl<'a> Transport<'a> {
         let mut hidden = Vec::with_capacity(receivers.all.len());
         let mut lent = Vec::with_capacity(receivers.all.len());
         for donor in donors {
-            let Some(own) = receivers.all.iter().find(|r| r.path == donor.path) else { continue };
+            let Ok(own) = receivers.all.binary_search_by_key(&donor.path, |receiver| receiver.path) else { continue };
+            let own = &receivers.all[own];
             faced.clear();
             shadow_rays.clear();
             lent.clear();
             let part = |brightness| level.part_for_surface(brightness, donor.path, tallies.len());
-            let of_donor = match donor.is_diffuse {
+            let of_donor = match donor.bsdf.is_none() {
                 true => part(donor.brightness()),
                 false => level.part_for_glossy(donor.path, tallies.len()),
             };

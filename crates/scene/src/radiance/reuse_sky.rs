@@ -23,6 +23,16 @@ pub(super) struct SkySample {
     /// Unit direction.
     wi: Vec3,
     radiance: SampledSpectrum,
+    /// Of light samples of the environment, 1/sr.
+    density: f32,
+}
+
+impl SkySample {
+    /// About what it brings to a white surface that faces it: radiance over the densities of a light sample and of a scattered ray.
+    #[inline]
+    pub fn brightness(&self) -> f32 {
+        mean(self.radiance) / (1.0 + std::f32::consts::PI * self.density)
+    }
 }
 
 impl<'a> Transport<'a> {
@@ -57,27 +67,20 @@ impl<'a> Transport<'a> {
     }
 
     fn sky_sample<T: Tally>(&self, path: &Path<'a, T>, receiver: &Receiver, wi: Vec3) -> Option<SkySample> {
-        let radiance = self.scene.lights().environment.as_ref()?.radiance(wi, &path.camera.wavelengths);
-        Some(SkySample { path: receiver.path, depth: receiver.depth, wi, radiance })
-    }
-
-    /// About what a sample brings to a white surface that faces it.
-    pub fn sky_brightness(&self, sample: &SkySample) -> f32 {
-        let density = self.scene.lights().environment.as_ref().map_or(0.0, |environment| environment.pdf(sample.wi));
-        mean(sample.radiance) / (1.0 + std::f32::consts::PI * density)
+        let environment = self.scene.lights().environment.as_ref()?;
+        let (radiance, density) = (environment.radiance(wi, &path.camera.wavelengths), environment.pdf(wi));
+        Some(SkySample { path: receiver.path, depth: receiver.depth, wi, radiance, density })
     }
 
     /// Adds what samples of the environment bring to the receivers that they are lent to.
     pub fn lend_sky<T: Tally>(&self, receivers: &Receivers<'a>, samples: &[SkySample], level: LightLevel, tallies: &mut [T]) {
-        let Some(environment) = &self.scene.lights().environment else { return };
         let mut facing: Vec<(&Receiver, SampledSpectrum, f32)> = Vec::with_capacity(receivers.all.len());
         let mut shadow_rays = Vec::with_capacity(receivers.all.len());
         let mut hidden = Vec::with_capacity(receivers.all.len());
         for sample in samples.iter().filter(|sample| sample.radiance != SampledSpectrum::ZERO) {
             facing.clear();
             shadow_rays.clear();
-            let by_light = environment.pdf(sample.wi);
-            let part = level.part_for_sky(self.sky_brightness(sample), sample.path, tallies.len());
+            let part = level.part_for_sky(sample.brightness(), sample.path, tallies.len());
             let range = within(&receivers.all, &part);
             for (receiver, bsdf) in receivers.all[range.clone()].iter().zip(&receivers.bsdfs[range]) {
                 if receiver.depth != sample.depth || sample.wi.dot(receiver.ng) <= 0.0 {
@@ -87,7 +90,7 @@ impl<'a> Transport<'a> {
                 if f == SampledSpectrum::ZERO {
                     continue;
                 }
-                facing.push((receiver, f, receiver.sky_probability * by_light + pdf));
+                facing.push((receiver, f, receiver.sky_probability * sample.density + pdf));
                 if receiver.path != sample.path {
                     shadow_rays.push(receiver.ray_towards(sample.wi));
                 }
