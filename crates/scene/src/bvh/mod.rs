@@ -1,6 +1,6 @@
 //! Bounding volume hierarchy: eight boxes a node, eight triangles a leaf block.
 //!
-//! `build` makes it with the builder of `obvhs`; `traverse` follows rays through it with our own SIMD code, `packet` many shadow rays at once. A hierarchy
+//! `build` makes it with the builder of `obvhs`, `collapse` widens binary trees, `join` puts large ones together; `traverse` follows rays through it with our own SIMD code, `packet` many shadow rays at once. A hierarchy
 //! holds triangles (copied into blocks, so that a hit touches no mesh memory) and *others*: things only their owner can
 //! intersect (instances, spheres, quads), reached through [`Filter`]. Nothing outside this folder knows the layout.
 //!
@@ -12,6 +12,8 @@
 //! Ray/Triangle Intersection", JCGT 2(1)). Boxes are widened by the rounding error of their test (Ize 2013, JCGT 2(2)).
 
 mod build;
+mod collapse;
+mod join;
 pub mod packet;
 mod traverse;
 
@@ -108,6 +110,11 @@ pub trait Primitives: Sync {
     fn len(&self) -> usize;
     /// The primitive at an index; of a moving one, at the beginning.
     fn get(&self, index: usize) -> Primitive;
+    /// Its box, m; of a moving one, around both of its ends.
+    fn bounds(&self, index: usize) -> Bounds {
+        let open = self.get(index).bounds();
+        if self.moves() { open.union(self.get_at_end(index).bounds()) } else { open }
+    }
     /// Whether primitives move.
     fn moves(&self) -> bool {
         false
