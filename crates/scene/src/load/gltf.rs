@@ -102,6 +102,84 @@ fn add_missing_bounds(json: &mut Value) {
     }
 }
 
+/// Leaves out animations of what is no node (KHR_animation_pointer); how many.
+fn drop_pointers(json: &mut Value) -> usize {
+    let mut dropped = 0;
+    let Some(animations) = json.get_mut("animations").and_then(Value::as_array_mut) else { return 0 };
+    animations.retain_mut(|animation| {
+        let Some(channels) = animation.get_mut("channels").and_then(Value::as_array_mut) else { return true };
+        let before = channels.len();
+        channels.retain(|c| c.get("target").is_none_or(|t| t.get("node").is_some()));
+        dropped += before - channels.len();
+        if before == channels.len() {
+            return true;
+        }
+        // Their samplers may be of types that nodes do not have; numbers of the others stay.
+        let used: Vec<u64> = channels.iter().filter_map(|c| c.get("sampler")?.as_u64()).collect();
+        let samplers = animation.get_mut("samplers").and_then(Value::as_array_mut);
+        if let (Some(samplers), Some(first)) = (samplers, used.first())
+            && let Some(other) = samplers.get(*first as usize).cloned()
+        {
+            samplers.iter_mut().enumerate().filter(|(i, _)| !used.contains(&(*i as u64))).for_each(|(_, s)| *s = other.clone());
+        }
+        !used.is_empty()
+    });
+    dropped
+}
+
+/// Accessors without a view are all zeros (glTF 2.0, 3.6.2.3): gives them one.
+fn add_missing_views(json: &mut Value, buffers: &mut Vec<Vec<u8>>) {
+    /// Bytes of zeros, the most: of an accessor that wants more the reader says that it has none.
+    const MOST: u64 = 1 << 21;
+    let size = |a: &Value| -> Option<u64> {
+        let component = match a.get("componentType")?.as_u64()? {
+            5120 | 5121 => 1,
+            5122 | 5123 => 2,
+            _ => 4,
+        };
+        let count = match a.get("type")?.as_str()? {
+            "SCALAR" => 1,
+            "VEC2" => 2,
+            "VEC3" => 3,
+            "VEC4" | "MAT2" => 4,
+            "MAT3" => 9,
+            _ => 16,
+        };
+        // Columns of matrices begin at multiples of four bytes.
+        Some(a.get("count")?.as_u64()?.checked_mul(component * count)?.checked_mul(2)?.next_multiple_of(4)).filter(|n| *n <= MOST)
+    };
+    let lacks = |a: &Value| a.get("bufferView").is_none() && a.get("sparse").is_none();
+    let accessors = json.get("accessors").and_then(Value::as_array);
+    let Some(length) = accessors.into_iter().flatten().filter(|a| lacks(a)).filter_map(size).max() else { return };
+    let Some(root) = json.as_object_mut() else { return };
+    let mut push = |key: &str, value: Value| -> Option<usize> {
+        let list = root.entry(key).or_insert_with(|| serde_json::json!([])).as_array_mut()?;
+        list.push(value);
+        Some(list.len() - 1)
+    };
+    let Some(buffer) = push("buffers", serde_json::json!({ "byteLength": length })).filter(|i| *i == buffers.len()) else {
+        return;
+    };
+    buffers.push(vec![0; length as usize]);
+    let Some(view) = push("bufferViews", serde_json::json!({ "buffer": buffer, "byteLength": length })) else { return };
+    let accessors = json.get_mut("accessors").and_then(Value::as_array_mut);
+    for accessor in accessors.into_iter().flatten().filter(|a| lacks(a) && size(a).is_some()) {
+        accessor["bufferView"] = view.into();
+    }
+}
+
+/// Sets of texture coordinates that materials ask for.
+fn most_sets(json: &Value) -> u64 {
+    match json {
+        Value::Object(map) => {
+            let own = map.get("texCoord").and_then(Value::as_u64).map_or(0, |set| set.saturating_add(1));
+            map.values().map(most_sets).fold(own, u64::max)
+        }
+        Value::Array(list) => list.iter().map(most_sets).max().unwrap_or(0),
+        _ => 0,
+    }
+}
+
 fn error(name: &str, place: &str, found: impl Into<String>, expected: impl Into<String>) -> SceneError {
     SceneError::File { place: format!("{name}: {place}"), found: found.into(), expected: expected.into() }
 }
@@ -152,6 +230,9 @@ impl<'a> Loader<'a> {
             packed::unpack(&mut json, &mut buffers, name)?;
         }
         add_missing_bounds(&mut json);
+        let pointers = drop_pointers(&mut json);
+        add_missing_views(&mut json, &mut buffers);
+        let most_sets = most_sets(json.get("materials").unwrap_or(&Value::Null));
         let asked_splats = splats::taken(&mut json, name)?;
         // As text once more: that reader is compiled with its crate; one of values would be compiled here, and is as large as all of USD's.
         let text = serde_json::to_vec(&json).map_err(|e| broken(e.to_string()))?;
@@ -184,6 +265,12 @@ impl<'a> Loader<'a> {
             description.warnings.push(format!("{name}: {why}"));
             None
         });
+        if pointers > 0 && !used.iter().any(|e| e == "KHR_animation_pointer") {
+            description.warnings.push(format!("{name}: left out: animations of what is no node ({pointers})"));
+        }
+        if most_sets > 2 {
+            description.warnings.push(format!("{name}: of {most_sets} sets of texture coordinates the first two are read"));
+        }
         for extension in used.iter().filter(|e| !is_supported(e)) {
             description.warnings.push(format!("{name}: extension {extension} is not supported; the scene is shown without it"));
         }
@@ -211,6 +298,7 @@ impl<'a> Loader<'a> {
         let document = self.document.clone();
         for material in document.materials() {
             let number = material.index().unwrap_or(usize::MAX);
+            self.say_coat(&material, number);
             let kept = self.kept.materials.get_mut(number).and_then(Option::take);
             let material = kept.map_or_else(|| self.material(&material), Ok)?;
             self.description.materials.push(material);
@@ -267,7 +355,20 @@ impl<'a> Loader<'a> {
             // Scale of a camera's node has no meaning.
             let (_, rotation, translation) = placed.to_scale_rotation_translation();
             let sight = match camera.projection() {
-                gltf::camera::Projection::Perspective(p) => CameraProjection::Perspective { vertical_fov: p.yfov() },
+                gltf::camera::Projection::Perspective(p) => match p.yfov() {
+                    vertical_fov if vertical_fov > 1e-4 && vertical_fov < std::f32::consts::PI - 1e-4 => {
+                        CameraProjection::Perspective { vertical_fov }
+                    }
+                    other => {
+                        let place = format!("camera {}{}", camera.index(), check::label(camera.name()));
+                        return Err(error(
+                            self.name,
+                            &place,
+                            format!("a yfov of {other}"),
+                            "expected an angle above 0 and below π",
+                        ));
+                    }
+                },
                 gltf::camera::Projection::Orthographic(o) => CameraProjection::Orthographic { height: 2.0 * o.ymag() },
             };
             let plain = Viewpoint {
@@ -394,6 +495,20 @@ impl<'a> Loader<'a> {
         Ok(())
     }
 
+    /// Says where a clear coat is not bent as the file says: it has the normals of what is below it.
+    fn say_coat(&mut self, material: &gltf::Material, number: usize) {
+        let coat = material.extension_value("KHR_materials_clearcoat");
+        let coat = coat.filter(|c| c.get("clearcoatFactor").and_then(Value::as_f64).is_some_and(|f| f > 0.0));
+        let index = |c: &Value| c.get("clearcoatNormalTexture")?.get("index")?.as_u64();
+        let base = material.normal_texture().map(|t| t.texture().index() as u64);
+        if coat.is_none_or(|coat| index(coat) == base) {
+            return;
+        }
+        let what = if base.is_some() { "has the normals of what is below it" } else { "is without its picture of normals" };
+        let name = material.name().map_or_else(|| format!("material {number}"), |n| format!("material \"{n}\""));
+        self.description.warnings.push(format!("{}: the clear coat of {name} {what}", self.name));
+    }
+
     /// Places of the copies of a node's mesh (EXT_mesh_gpu_instancing).
     fn instances(&self, node: &gltf::Node) -> Result<Option<Vec<Affine3A>>, SceneError> {
         let Some(attributes) = node.extension_value("EXT_mesh_gpu_instancing").and_then(|e| e.get("attributes")) else {
@@ -404,13 +519,20 @@ impl<'a> Loader<'a> {
             let Some(number) = attributes.get(key).and_then(Value::as_u64) else { return Ok(None) };
             let accessor = self.document.accessors().nth(number as usize);
             let kind = if width == 3 { gltf::accessor::Dimensions::Vec3 } else { gltf::accessor::Dimensions::Vec4 };
-            let accessor =
-                accessor.filter(|a| a.dimensions() == kind && a.data_type() == gltf::accessor::DataType::F32).ok_or_else(
-                    || error(self.name, &place, format!("{key} {number}"), "expected an accessor of vectors of numbers"),
-                )?;
+            use gltf::accessor::DataType;
+            let may_be =
+                |data: DataType| data == DataType::F32 || (key == "ROTATION" && matches!(data, DataType::I8 | DataType::I16));
+            let accessor = accessor.filter(|a| a.dimensions() == kind && may_be(a.data_type())).ok_or_else(|| {
+                error(self.name, &place, format!("{key} {number}"), "expected an accessor of vectors of numbers")
+            })?;
             let data = |b: gltf::Buffer| self.buffers.get(b.index()).map(Vec::as_slice);
             let read: Option<Vec<f32>> = match width {
                 3 => gltf::accessor::Iter::<[f32; 3]>::new(accessor, data).map(|it| it.flatten().collect()),
+                // Normalised, to unit length by who reads it.
+                _ if accessor.data_type() == DataType::I8 => gltf::accessor::Iter::<[i8; 4]>::new(accessor, data)
+                    .map(|it| it.flatten().map(|v| (f32::from(v) / 127.0).max(-1.0)).collect()),
+                _ if accessor.data_type() == DataType::I16 => gltf::accessor::Iter::<[i16; 4]>::new(accessor, data)
+                    .map(|it| it.flatten().map(|v| (f32::from(v) / 32767.0).max(-1.0)).collect()),
                 _ => gltf::accessor::Iter::<[f32; 4]>::new(accessor, data).map(|it| it.flatten().collect()),
             };
             Ok(Some(read.unwrap_or_default()))

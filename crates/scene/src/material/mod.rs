@@ -38,8 +38,9 @@ use crate::medium::Medium;
 use crate::shape::Surface;
 use crate::texture::{Color, Lookup, Scalar, Texture};
 use bsdf::{Lobes, LocalFrame};
+use diopter_light::upsample::Sigmoid;
 use diopter_light::{SampledSpectrum, SampledWavelengths, Spectrum};
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec4};
 use inputs::{inputs_enum, inputs_struct};
 use std::sync::Arc;
 
@@ -254,9 +255,22 @@ impl Emission {
         Emission { radiance: EmissionColor::Constant(radiance), two_sided: false, is_light: true, modulation: Modulation::Steady }
     }
 
-    /// Radiance at a point, W·m⁻²·sr⁻¹·nm⁻¹.
+    /// Radiance at a point, W·m⁻²·sr⁻¹·nm⁻¹. The colours of a mesh's vertices multiply what is only to be looked at, not that of lamps (glTF, KHR_materials_unlit).
     #[inline]
     pub fn at(&self, surface: &Surface, wavelengths: &SampledWavelengths) -> SampledSpectrum {
+        if !self.is_light && surface.color != Vec4::ONE && !matches!(self.radiance, EmissionColor::Captured { .. }) {
+            let rgb = surface.color.truncate().clamp(Vec3::ZERO, Vec3::ONE);
+            let tint = match wavelengths.is_rgb() {
+                true => SampledWavelengths::lanes(rgb),
+                false => Sigmoid::from_rgb(rgb).sample(wavelengths),
+            };
+            return self.plain_at(surface, wavelengths) * tint;
+        }
+        self.plain_at(surface, wavelengths)
+    }
+
+    #[inline]
+    fn plain_at(&self, surface: &Surface, wavelengths: &SampledWavelengths) -> SampledSpectrum {
         match &self.radiance {
             EmissionColor::Captured { factor } => {
                 Spectrum::light_from_rgb(surface.color.truncate() * *factor).sample(wavelengths)

@@ -187,9 +187,7 @@ impl Scene {
         let (point, ng, uv, derivatives) = match self.description.objects[hit.id as usize].shape {
             Shape::Sphere(s) => {
                 let n = (ray.at(hit.t) - s.center).normalize();
-                // Longitude and latitude, as the environment map's.
-                let uv =
-                    Vec2::new(n.x.atan2(-n.z) / std::f32::consts::TAU + 0.5, n.y.clamp(-1.0, 1.0).acos() / std::f32::consts::PI);
+                let uv = sphere_uv(n);
                 // n = (sin θ sin φ, cos θ, −sin θ cos φ) with φ = 2π (u − ½), θ = π v.
                 let sin = n.x.hypot(n.z).max(1e-6);
                 let down = Vec3::new(n.y * n.x / sin, -sin, n.y * n.z / sin);
@@ -237,15 +235,18 @@ impl Scene {
         self.material(object).coverage.accepts(&uv, alpha, draw)
     }
 
-    /// The same of a curve, by the coordinates of the hit.
-    pub(super) fn covers_curve(&self, ray: &Ray, object: u32, segment: u32, u: f32, v: f32) -> bool {
+    /// The same of what is no mesh, by the texture coordinates of the hit; `part` tells the places apart at which a ray may meet an object.
+    pub(super) fn covers_part(&self, ray: &Ray, object: u32, part: u32, uv: Vec2, blends_block: bool) -> bool {
         let coverage = &self.material(object).coverage;
         if matches!(coverage, Coverage::Full) {
             return true;
         }
         let bits = |v: Vec3| v.x.to_bits() ^ mix(v.y.to_bits() ^ mix(v.z.to_bits()));
-        let draw = to_unit(mix(bits(ray.origin) ^ mix(bits(ray.direction) ^ mix(segment ^ object << 20))));
-        coverage.accepts(&[Vec2::new(u, v); 2], 1.0, draw)
+        let draw = match blends_block {
+            true => 0.0,
+            false => to_unit(mix(bits(ray.origin) ^ mix(bits(ray.direction) ^ mix(part ^ object << 20)))),
+        };
+        coverage.accepts(&[uv; 2], 1.0, draw)
     }
 }
 
@@ -327,6 +328,11 @@ fn tangent(given: Option<Vec4>, along: Option<[Vec3; 2]>, placement: &Placement,
     along.map_or((Vec3::ZERO, 1.0), |along| image_frame(along, ng, material))
 }
 
+/// Texture coordinates of a sphere by its normal: longitude and latitude, as the environment map's.
+fn sphere_uv(n: Vec3) -> Vec2 {
+    Vec2::new(n.x.atan2(-n.z) / std::f32::consts::TAU + 0.5, n.y.clamp(-1.0, 1.0).acos() / std::f32::consts::PI)
+}
+
 /// Tangent and handedness of the picture of normals on a surface, of how the place changes with the texture coordinates: the tangent points to the
 /// right in the picture, the bitangent up in it, whichever way the mesh's own coordinates count. Without a picture the coordinates are a picture's.
 ///
@@ -377,8 +383,19 @@ impl Filter for TopFilter<'_> {
     fn intersect_other(&self, id: u32, t_max: f32, any: bool) -> Option<Hit> {
         let hit = |t, u, v| Hit { t, u, v, id, slot: u32::MAX, instance: 0 };
         match self.scene.description.objects[id as usize].shape {
-            Shape::Sphere(s) => s.intersect(self.ray.origin, self.ray.direction, t_max).map(|t| hit(t, 0.0, 0.0)),
-            Shape::Quad(q) => q.intersect(self.ray.origin, self.ray.direction, t_max).map(|(t, p)| hit(t, p.x, p.y)),
+            Shape::Sphere(s) => {
+                let covers = |part: usize, t: f32| {
+                    let n = (self.ray.at(t) - s.center).normalize();
+                    self.scene.covers_part(self.ray, id, part as u32, sphere_uv(n), self.blends_block)
+                };
+                let both = s.intersections(self.ray.origin, self.ray.direction)?;
+                let mut met = both.into_iter().enumerate().filter(|(_, t)| *t > 0.0 && *t < t_max);
+                met.find(|(part, t)| covers(*part, *t)).map(|(_, t)| hit(t, 0.0, 0.0))
+            }
+            Shape::Quad(q) => q
+                .intersect(self.ray.origin, self.ray.direction, t_max)
+                .filter(|(_, p)| self.scene.covers_part(self.ray, id, 0, *p, self.blends_block))
+                .map(|(t, p)| hit(t, p.x, p.y)),
             Shape::Mesh { mesh, .. } => {
                 let bvh = self.scene.built.shared[mesh as usize].as_ref()?;
                 let place = &self.scene.built.placements[id as usize].object_from_world;
@@ -481,5 +498,79 @@ impl Filter for InstanceFilter<'_> {
     }
     fn intersect_other(&self, _: u32, _: f32, _: bool) -> Option<Hit> {
         None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::SceneError;
+    use crate::material::{Emission, Scattering};
+    use crate::scene::{Description, Object};
+    use crate::shape::{Quad, Sphere};
+    use crate::texture::{Color, Scalar};
+    use diopter_light::{SampledWavelengths, Spectrum};
+
+    fn scene(shape: Shape, material: Material) -> Result<Scene, SceneError> {
+        Scene::build(Description {
+            objects: vec![Object::new("thing", shape, 0)],
+            materials: vec![material],
+            ..Default::default()
+        })
+    }
+
+    fn down(x: f32, y: f32) -> Ray {
+        Ray { origin: Vec3::new(x, y, 3.0), direction: Vec3::NEG_Z, time_s: 0.0 }
+    }
+
+    #[test]
+    fn spheres_and_quads_are_met_as_often_as_they_cover() {
+        let grey = Scattering::Diffuse(Color::rgb(0.5, 0.5, 0.5));
+        let thin = Material { coverage: Coverage::Blend(Scalar::Constant(0.3)), ..Material::new("thin", grey) };
+        let ball = scene(Shape::Sphere(Sphere { center: Vec3::ZERO, radius: 1.0 }), thin.clone()).unwrap();
+        let quad = Quad { corner: Vec3::new(-1.0, -1.0, 0.0), edges: [2.0 * Vec3::X, 2.0 * Vec3::Y] };
+        let sheet = scene(Shape::Quad(quad), thin).unwrap();
+        let (mut front, mut back, mut on_sheet, mut agree) = (0, 0, 0, true);
+        let count = 20_000;
+        for i in 0..count {
+            let at = |k: u32| to_unit(mix(2 * i + k)) - 0.5;
+            let ray = down(at(0), at(1));
+            match ball.intersect(&ray, f32::INFINITY) {
+                Some(s) if s.point.z > 0.0 => front += 1,
+                Some(_) => back += 1,
+                None => (),
+            }
+            agree &= ball.intersect(&ray, f32::INFINITY).is_some() == ball.occluded(&ray, f32::INFINITY);
+            on_sheet += u32::from(sheet.intersect(&ray, f32::INFINITY).is_some());
+        }
+        // Of 20 000 within four standard deviations, √(p (1 − p) / 20 000).
+        for (met, expected) in [(front, 0.3), (back, 0.7 * 0.3), (on_sheet, 0.3)] {
+            let fraction = f64::from(met) / f64::from(count);
+            assert!((fraction - expected).abs() < 0.013, "{fraction}, not {expected}");
+        }
+        assert!(agree, "a shadow ray meets something else");
+    }
+
+    #[test]
+    fn colours_of_vertices_tint_what_is_to_be_looked_at_and_not_lamps() {
+        let seen = |is_light: bool| {
+            let mesh = Mesh {
+                positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
+                colors: vec![glam::Vec4::new(1.0, 0.2, 0.4, 1.0); 3],
+                triangles: vec![[0, 1, 2]],
+                ..Default::default()
+            };
+            let glow = Emission { is_light, two_sided: true, ..Emission::one_sided(Spectrum::light_from_rgb(Vec3::splat(0.5))) };
+            let material = Material { emission: Some(glow.clone()), ..Material::new("glow", Scattering::Black) };
+            let mut d = Description { materials: vec![material], meshes: vec![mesh.into()], ..Default::default() };
+            d.objects.push(Object::new("thing", Shape::Mesh { mesh: 0, world_from_mesh: Default::default() }, 0));
+            let surface = Scene::build(d).unwrap().intersect(&down(0.2, 0.2), 9.0).unwrap();
+            let light = glow.at(&surface, &SampledWavelengths::rgb());
+            [light[0], light[1], light[2]]
+        };
+        let (looked_at, lamp) = (seen(false), seen(true));
+        for (k, tint) in [1.0, 0.2, 0.4].into_iter().enumerate() {
+            assert!((looked_at[k] / lamp[k] - tint).abs() < 1e-5, "{looked_at:?} {lamp:?}");
+        }
     }
 }

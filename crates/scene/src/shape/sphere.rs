@@ -13,10 +13,15 @@ pub struct Sphere {
 
 impl Sphere {
     /// Distance of the nearest hit with 0 < t < `t_max`, in lengths of the direction.
+    pub fn intersect(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<f32> {
+        self.intersections(origin, direction)?.into_iter().find(|t| *t > 0.0 && *t < t_max)
+    }
+
+    /// Where the line along a ray enters and leaves, in lengths of the direction; before the origin below 0.
     ///
     /// The discriminant is formed from the part of the centre's offset that is perpendicular to the ray, which keeps digits for small far spheres. Source: Haines et al.,
     /// Ray Tracing Gems ch. 7 (2019).
-    pub fn intersect(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<f32> {
+    pub fn intersections(&self, origin: Vec3, direction: Vec3) -> Option<[f32; 2]> {
         let f = origin - self.center;
         let a = direction.length_squared();
         let b = -f.dot(direction);
@@ -28,8 +33,7 @@ impl Sphere {
         let q = b + (a * discriminant).sqrt().copysign(b);
         let c = f.length_squared() - self.radius * self.radius;
         let (t0, t1) = (c / q, q / a);
-        let (near, far) = if t0 < t1 { (t0, t1) } else { (t1, t0) };
-        [near, far].into_iter().find(|t| *t > 0.0 && *t < t_max)
+        Some(if t0 < t1 { [t0, t1] } else { [t1, t0] })
     }
 }
 

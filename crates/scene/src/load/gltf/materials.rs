@@ -37,11 +37,13 @@ impl Loader<'_> {
             return Ok(Material { emission, coverage, ..Material::new(&name, Scattering::Black) });
         }
 
+        let brighter = brighter_specular(m);
+        let ior = brighter.map_or(m.ior().unwrap_or(1.5).max(1.0), |(ior, _)| ior);
         let metal_rough = self.info(pbr.metallic_roughness_texture(), Codes::Linear);
         let mut principled = Principled {
             metallic: Scalar::with_picture(pbr.metallic_factor(), metal_rough.clone(), 2),
             roughness: Scalar::with_picture(pbr.roughness_factor(), metal_rough, 1),
-            ..Principled::new(Color::with_picture(factor, base_texture), m.ior().unwrap_or(1.5).max(1.0))
+            ..Principled::new(Color::with_picture(factor, base_texture), ior)
         };
         if let Some(t) = m.transmission() {
             principled.transmission =
@@ -65,6 +67,14 @@ impl Loader<'_> {
             }
         }
 
+        if let Some((_, tint)) = brighter {
+            let picture = match principled.specular_color {
+                Color::Textured { texture, .. } => Some(texture),
+                _ => None,
+            };
+            (principled.specular_color, principled.tinted) = (Color::with_picture(tint, picture), true);
+        }
+
         let strength = m.emissive_strength().unwrap_or(1.0);
         let glow = Vec3::from_array(m.emissive_factor()) * strength;
         let emission = (glow.max_element() > 0.0).then(|| Emission {
@@ -86,4 +96,25 @@ impl Loader<'_> {
         let scattering = Scattering::Principled(Box::new(principled));
         Ok(Material { name, scattering, emission, normal_map, bump: None, coverage, interior })
     }
+}
+
+/// Index and tint, 0 to 1, of a dielectric whose `specularColorFactor` is above 1 or whose `ior` is 0, which stands for an index that reflects all at all angles (KHR_materials_ior):
+/// the reflectance at normal incidence is that of the index times the factor, at most 1. None of what transmits: there the index bends light, too.
+fn brighter_specular(m: &gltf::Material) -> Option<(f32, Vec3)> {
+    /// Indices beyond 10 reflect much more than this only at first.
+    const MOST: f32 = 0.66;
+    let factor = m.extension_value("KHR_materials_specular").and_then(|e| e.get("specularColorFactor"));
+    let at = |i: usize| factor.and_then(|v| v.get(i)).and_then(Value::as_f64).map_or(1.0, |v| v as f32).max(0.0);
+    let (ior, factor) = (m.ior().unwrap_or(1.5), Vec3::new(at(0), at(1), at(2)));
+    if m.transmission().is_some_and(|t| t.transmission_factor() > 0.0) || (factor.max_element() <= 1.0 && ior != 0.0) {
+        return None;
+    }
+    let normal = if ior == 0.0 { 1.0 } else { ((ior.max(1.0) - 1.0) / (ior.max(1.0) + 1.0)).powi(2) };
+    let reflected = (factor * normal).min(Vec3::ONE);
+    let most = reflected.max_element();
+    if most <= 0.0 {
+        return None;
+    }
+    let root = most.min(MOST).sqrt();
+    Some(((1.0 + root) / (1.0 - root), reflected / most))
 }

@@ -195,3 +195,52 @@ fn lamps_of_ies_files_shine_along_their_nodes() {
     let error = load(text(0).as_bytes(), "a.gltf", &none).unwrap_err().to_string();
     assert!(error.contains("light profile 0") && error.contains("a.ies"), "{error}");
 }
+
+#[test]
+fn accessors_without_a_view_are_zeros() {
+    let text = triangle(&[("{\"bufferView\":0,\"componentType\":5126,\"count\":3", "{\"componentType\":5126,\"count\":3")]);
+    let d = load(text.as_bytes(), "t.gltf", &none).unwrap();
+    assert_eq!(d.meshes[0].positions, vec![Vec3::ZERO; 3]);
+}
+
+#[test]
+fn animations_of_what_is_no_node_are_left_out() {
+    let animations = "\"extensionsUsed\":[\"KHR_animation_pointer\"],\"animations\":[{\"channels\":[{\"sampler\":0,\"target\":{\"path\":\"pointer\",\
+        \"extensions\":{\"KHR_animation_pointer\":{\"pointer\":\"/materials/0/emissiveFactor\"}}}}],\"samplers\":[{\"input\":1,\"output\":0}]}],\"asset\"";
+    let d = load(triangle(&[("\"asset\"", animations)]).as_bytes(), "t.gltf", &none).unwrap();
+    assert!(d.warnings.join("; ").contains("KHR_animation_pointer"), "{:?}", d.warnings);
+}
+
+/// A triangle of a material.
+fn with_material(material: &str) -> Description {
+    let replace = [
+        ("\"indices\":1", "\"indices\":1,\"material\":0"),
+        ("\"meshes\"", &format!("\"materials\":[{material}],\"meshes\"") as &str),
+    ];
+    load(triangle(&replace).as_bytes(), "t.gltf", &none).unwrap()
+}
+
+#[test]
+fn specular_colors_may_be_above_one_and_an_index_of_zero_reflects_all() {
+    let of = |extensions: &str| {
+        let d = with_material(&format!("{{\"extensions\":{{{extensions}}}}}"));
+        let Scattering::Principled(p) = d.materials[0].scattering.clone() else { panic!("principled") };
+        ((p.ior - 1.0) / (p.ior + 1.0)).powi(2) * p.specular_color.constant_rgb().unwrap()
+    };
+    let specular = |factor: &str| format!("\"KHR_materials_specular\":{{\"specularColorFactor\":{factor}}}");
+    for (extensions, expected) in [
+        (specular("[1, 0.5, 1]"), Vec3::new(0.04, 0.02, 0.04)),
+        (specular("[5, 1, 0]"), Vec3::new(0.2, 0.04, 0.0)),
+        (format!("\"KHR_materials_ior\":{{\"ior\":0}},{}", specular("[0.1, 0.5, 0.3]")), Vec3::new(0.1, 0.5, 0.3)),
+    ] {
+        assert!(of(&extensions).abs_diff_eq(expected, 1e-5), "{extensions}: {}", of(&extensions));
+    }
+}
+
+#[test]
+fn more_than_two_sets_of_texture_coordinates_are_said() {
+    let d = with_material(
+        "{\"emissiveTexture\":{\"index\":0,\"texCoord\":2}}],\"textures\":[{\"source\":0}],\"images\":[{\"uri\":\"a.png\"}",
+    );
+    assert!(d.warnings.join("; ").contains("of 3 sets"), "{:?}", d.warnings);
+}

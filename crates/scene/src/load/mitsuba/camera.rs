@@ -79,6 +79,15 @@ pub fn add(context: &mut Context, node: &Node) -> Result<(), SceneError> {
             context.skip_unsupported("shifts of the principal point");
         }
     }
+    if context.nested(node, "medium", None)?.is_some() {
+        context.skip_unsupported("the medium around a sensor");
+    }
+    if place.determinant() < 0.0 {
+        context.skip_unsupported("the mirroring of a sensor");
+    }
+    if film.is_some_and(|f| f.children.iter().any(|c| c.get("name").is_some_and(|name| name.starts_with("crop_")))) {
+        context.skip_unsupported("crops of the film");
+    }
     let lens = match node.kind() {
         "thinlens" => {
             let (radius, focus) = (number(node, "aperture_radius", 0.0)?, number(node, "focus_distance", 1.0)?);

@@ -79,7 +79,7 @@ pub fn add(context: &mut Context, node: &Arc<Node>) -> Read<()> {
             context.description.punctual.push(Punctual::new(&name, light("irradiance")?, kind));
         }
         "constant" => {
-            let rgb = shade(node, "radiance")?.unwrap_or(Shade::Even(1.0)).rgb().max(Vec3::ZERO);
+            let rgb = shade(node, "radiance")?.unwrap_or(Shade::Even(1.0)).light_rgb().max(Vec3::ZERO);
             surround(context, Environment::uniform(rgb));
         }
         "envmap" => {

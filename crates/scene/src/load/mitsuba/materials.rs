@@ -15,6 +15,7 @@ use crate::material::conductor::FacetBounces;
 use crate::material::{Anisotropy, Conductor, Coverage, DEEPEST_MIX, Hair, Pigment, Principled, Scattering, Transmission};
 use crate::texture::{Codes, Color, Graph, Interpolation, Mapping, Scalar, Texture, Wrap};
 use diopter_light::Spectrum;
+use diopter_light::color::RgbSpace;
 use diopter_light::spectrum::Table;
 use glam::{Affine2, DMat4, DVec3, Vec2, Vec3};
 use std::sync::Arc;
@@ -38,6 +39,32 @@ impl Default for Surface {
 }
 
 impl Surface {
+    /// What reflects nothing.
+    pub fn black() -> Self {
+        Surface::of(Scattering::Black)
+    }
+
+    fn is_null(&self) -> bool {
+        matches!(self.scattering, Scattering::Interface)
+    }
+
+    /// Fraction of rays that meet it.
+    fn opacity(&self) -> Scalar {
+        match &self.coverage {
+            _ if self.is_null() => Scalar::Constant(0.0),
+            Coverage::Blend(opacity) => opacity.clone(),
+            _ => Scalar::Constant(1.0),
+        }
+    }
+
+    /// The same that a fraction of the rays meet.
+    fn with_opacity(self, opacity: Scalar) -> Self {
+        match opacity {
+            Scalar::Constant(1.0) => Surface { coverage: Coverage::Full, ..self },
+            opacity => Surface { coverage: Coverage::Blend(opacity), ..self },
+        }
+    }
+
     fn of(scattering: Scattering) -> Self {
         Surface { scattering, coverage: Coverage::Full, normal_map: None, is_body: false }
     }
@@ -199,11 +226,16 @@ impl Context<'_> {
                     .ok_or_else(|| wrong(node, "a measured BSDF without filename", "<string name=\"filename\" .../>"))?;
                 Surface::of(self.measured(file))
             }
-            "twosided" => inner(self)?,
+            "twosided" => {
+                if node.children.iter().filter(|c| c.tag == "bsdf").count() > 1 {
+                    self.skip_unsupported("the BSDF of the back of twosided: it is that of the front");
+                }
+                inner(self)?
+            }
             "mask" => {
                 let own = inner(self)?;
-                let opacity = self.scalar(node, "opacity", 0.5)?;
-                Surface { coverage: Coverage::Blend(opacity), ..own }
+                let opacity = product(self.scalar(node, "opacity", 0.5)?, own.opacity());
+                if own.is_null() { own } else { own.with_opacity(opacity) }
             }
             "bumpmap" => {
                 node.leave_out();
@@ -233,10 +265,7 @@ impl Context<'_> {
                     return Err(wrong(node, "mixtures of mixtures of mixtures", "at most 64 BSDFs in one"));
                 }
                 let weight = self.scalar(node, "weight", 0.5)?;
-                let is_body = a.is_body && b.is_body;
-                let normal_map = a.normal_map.or(b.normal_map);
-                let scattering = Scattering::Mix(Box::new(([a.scattering, b.scattering], weight)));
-                Surface { is_body, normal_map, ..Surface::of(scattering) }
+                self.blend(a, b, weight)
             }
             "null" => Surface::of(Scattering::Interface),
             other => {
@@ -245,6 +274,34 @@ impl Context<'_> {
                 return Err(wrong(node, format!("bsdf \"{other}\""), known));
             }
         })
+    }
+
+    /// The first, and the second by a weight. Rays meet each as often as its opacity says: the opacities are put together, and the weight is that among rays that meet anything.
+    fn blend(&mut self, a: Surface, b: Surface, weight: Scalar) -> Surface {
+        let [of_a, of_b] = [product(complement(weight.clone()), a.opacity()), product(weight.clone(), b.opacity())];
+        match (a.is_null(), b.is_null()) {
+            (_, true) if !a.is_null() => return a.with_opacity(of_a),
+            (true, _) => return if b.is_null() { a } else { b.with_opacity(of_b) },
+            _ => (),
+        }
+        let (opacity, weight) = match (a.opacity(), b.opacity(), of_a, of_b) {
+            (Scalar::Constant(whole), Scalar::Constant(other), ..) if whole == other => (Scalar::Constant(whole), weight),
+            (_, _, Scalar::Constant(of_a), Scalar::Constant(of_b)) => {
+                (Scalar::Constant(of_a + of_b), Scalar::Constant(of_b / (of_a + of_b).max(1e-20)))
+            }
+            (opacity_a, opacity_b, ..) => {
+                self.skip_unsupported("the share of parts of a blendbsdf that differ in opacity, by a texture");
+                let both = Graph::Mix(graph_of(opacity_a), graph_of(opacity_b), graph_of(weight.clone()));
+                (Scalar::Graph(Arc::new(both)), weight)
+            }
+        };
+        if a.normal_map.is_some() || b.normal_map.is_some() {
+            self.skip_unsupported("normal maps of one part of a blendbsdf: both have them");
+        }
+        let is_body = a.is_body && b.is_body;
+        let normal_map = a.normal_map.or(b.normal_map);
+        let scattering = Scattering::Mix(Box::new(([a.scattering, b.scattering], weight)));
+        Surface { is_body, normal_map, ..Surface::of(scattering) }.with_opacity(opacity)
     }
 
     fn diffuse(&mut self, node: &Arc<Node>) -> Read<Surface> {
@@ -352,6 +409,13 @@ impl Context<'_> {
         let is_body = transmits && node.kind() == "principled";
         if is_body {
             p.kind = Transmission::Solid;
+            // Each of the two faces of a body lets the root of its colour through.
+            match (&p.transmission, p.base_color.is_everywhere(Vec3::ONE)) {
+                (_, true) => (),
+                (Scalar::Constant(1.0), _) => p.base_color = root_of_color(p.base_color),
+                _ => self
+                    .skip_unsupported("the root of the colour of what principled BSDFs transmit in part: it is that of the base"),
+            }
         }
         Ok(Surface { is_body, ..Surface::of(Scattering::Principled(Box::new(p))) })
     }
@@ -405,7 +469,7 @@ impl Context<'_> {
         if let (Some(eta), Some(k)) = (values::shade(node, "eta")?, values::shade(node, "k")?) {
             return Ok(of(eta.unbounded(), k.unbounded()));
         }
-        let name = values::text(node, "material").unwrap_or("Cu");
+        let name = values::text(node, "material").unwrap_or("none");
         if name == "none" {
             // All is reflected: k² / (4 + k²) of 0.9999 at an index of 1.
             return Ok(of(Spectrum::Constant(1.0), Spectrum::Constant(200.0)));
@@ -452,18 +516,23 @@ impl Context<'_> {
         let Some(child) = node.child(name).cloned() else { return Ok(Scalar::Constant(default)) };
         if let Some(shade) = Shade::of(&child)? {
             return Ok(Scalar::Constant(match shade {
-                Shade::Even(v) => v,
+                Shade::Even(v) | Shade::EvenSpectrum(v) => v,
                 other => other.rgb().element_sum() / 3.0,
             }));
         }
         let texture = self.resolved(&child)?;
         if texture.kind() == "bitmap" {
-            return Ok(match self.bitmap(&texture, Codes::Linear)? {
+            return Ok(match self.bitmap(&texture, Codes::Srgb)? {
+                // Of colours their luminance counts.
+                Some(texture) if !texture.image.is_grey() => {
+                    let as_number = Some([RgbSpace::Srgb.luminance_weights().into(), Vec3::ZERO]);
+                    Scalar::Graph(Arc::new(Graph::Image { texture, scale: 1.0, invert: false, as_number, mapping: None }))
+                }
                 Some(texture) => Scalar::Textured { factor: 1.0, texture, channel: 0 },
                 None => Scalar::Constant(default),
             });
         }
-        Ok(match self.graph(&texture, Codes::Linear, 0)? {
+        Ok(match self.graph(&texture, Codes::Srgb, 0)? {
             Ok(texture) => Scalar::Textured { factor: 1.0, texture, channel: 0 },
             Err(graph) => Scalar::Graph(graph),
         })
@@ -566,12 +635,54 @@ fn scaled_metal(metal: Conductor, scale: Color) -> Scattering {
 fn root(alpha: Scalar) -> Scalar {
     match alpha {
         Scalar::Constant(a) => Scalar::Constant(a.clamp(0.0, 1.0).sqrt()),
-        Scalar::Graph(graph) => Scalar::Graph(Arc::new(Graph::Power(graph, 0.5))),
+        other => Scalar::Graph(Arc::new(Graph::Power(graph_of(other), 0.5))),
+    }
+}
+
+/// The root of each of a colour's components.
+fn root_of_color(color: Color) -> Color {
+    let graph = match color {
+        Color::Constant { rgb, .. } => {
+            let root = rgb.max(Vec3::ZERO).powf(0.5);
+            return Color::rgb(root.x, root.y, root.z);
+        }
+        Color::Spectrum(_) => Graph::Constant(color.constant_rgb().unwrap_or(Vec3::ONE)),
+        Color::Textured { texture, .. } => Graph::Image { texture, scale: 1.0, invert: false, as_number: None, mapping: None },
+        Color::Graph(graph) => return Color::Graph(Arc::new(Graph::Power(graph, 0.5))),
+    };
+    Color::Graph(Arc::new(Graph::Power(Arc::new(graph), 0.5)))
+}
+
+/// A number as a graph.
+fn graph_of(scalar: Scalar) -> Arc<Graph> {
+    match scalar {
+        Scalar::Constant(v) => Arc::new(Graph::Constant(Vec3::splat(v))),
+        Scalar::Graph(graph) => graph,
         Scalar::Textured { factor, texture, channel } => {
             let unit = |i: usize| if channel == i { factor } else { 0.0 };
             let as_number = Some([Vec3::new(unit(0), unit(1), unit(2)), Vec3::splat(unit(3))]);
-            let graph = Graph::Image { texture, scale: 1.0, invert: false, as_number, mapping: None };
-            Scalar::Graph(Arc::new(Graph::Power(Arc::new(graph), 0.5)))
+            Arc::new(Graph::Image { texture, scale: 1.0, invert: false, as_number, mapping: None })
+        }
+    }
+}
+
+/// One number times another.
+fn product(a: Scalar, b: Scalar) -> Scalar {
+    match (a, b) {
+        (Scalar::Constant(a), Scalar::Constant(b)) => Scalar::Constant(a * b),
+        (Scalar::Constant(1.0), other) | (other, Scalar::Constant(1.0)) => other,
+        (Scalar::Constant(0.0), _) | (_, Scalar::Constant(0.0)) => Scalar::Constant(0.0),
+        (a, b) => Scalar::Graph(Arc::new(Graph::Scale(graph_of(a), graph_of(b)))),
+    }
+}
+
+/// What is left of 1.
+fn complement(a: Scalar) -> Scalar {
+    match a {
+        Scalar::Constant(a) => Scalar::Constant(1.0 - a),
+        other => {
+            let [one, none] = [1.0, 0.0].map(|v| Arc::new(Graph::Constant(Vec3::splat(v))));
+            Scalar::Graph(Arc::new(Graph::Mix(one, none, graph_of(other))))
         }
     }
 }

@@ -55,6 +55,7 @@ mod tests {
         match name {
             "t.obj" => Ok(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 0.75\nf 1/1 2/2 3/3\n".to_vec()),
             "c.txt" => Ok(b"0 0 0 0.1\n3 0 0 0.4\n\n0 1 0 0.2\n1 1 0 0.2\n2 1 0 0.2\n3 1 0 0.2\n4 1 0 0.2\n".to_vec()),
+            "l.spd" => Ok(b"# nm, value\n400 1\n500 2 # here\n\n700 4\n".to_vec()),
             "t.vol" => Ok(vol(1, &[1.0, 3.0])),
             "a.vol" => Ok(vol(3, &[0.2, 0.5, 1.0, 0.4, 0.5, 0.0])),
             _ => Err("there is no such file".to_owned()),
@@ -281,6 +282,96 @@ mod tests {
         let clear =
             read("<shape type='sphere'><bsdf type='dielectric'><float name='specular_reflectance' value='0.5'/></bsdf></shape>");
         assert!(clear.unwrap().warnings.join(";").contains("\"specular_reflectance\" of dielectric"));
+    }
+
+    /// Material of a sphere with a BSDF.
+    fn on_a_sphere(bsdf: &str) -> crate::material::Material {
+        let d = read(&format!("<shape type='sphere'>{bsdf}</shape>")).unwrap();
+        d.materials[d.objects[0].material as usize].clone()
+    }
+
+    #[test]
+    fn opacities_of_masks_and_parts_are_put_together() {
+        let (a, b) = ("<bsdf type='diffuse'/>", "<bsdf type='conductor'/>");
+        let mask =
+            |opacity: &str, inner: &str| format!("<bsdf type='mask'><float name='opacity' value='{opacity}'/>{inner}</bsdf>");
+        let blend = |weight: &str, a: &str, b: &str| {
+            format!("<bsdf type='blendbsdf'><float name='weight' value='{weight}'/>{a}{b}</bsdf>")
+        };
+        let null = "<bsdf type='null'/>";
+        let opacity = |bsdf: &str| match on_a_sphere(bsdf).coverage {
+            Coverage::Full => 1.0,
+            Coverage::Blend(Scalar::Constant(o)) => o,
+            _ => panic!("{bsdf}: no constant"),
+        };
+        let close = |x: f32, y: f32| assert!((x - y).abs() < 1e-6, "{x}, not {y}");
+        close(opacity(&mask("0.5", &mask("0.4", a))), 0.2);
+        close(opacity(&blend("0.3", a, null)), 0.7);
+        close(opacity(&blend("0.3", null, a)), 0.3);
+        close(opacity(&blend("0.3", null, &mask("0.5", a))), 0.15);
+        assert!(matches!(on_a_sphere(&blend("0.3", null, a)).scattering, Scattering::Diffuse(_)));
+        assert!(matches!(on_a_sphere(&blend("0.3", null, null)).scattering, Scattering::Interface));
+        // 0.7 of the one in full and 0.3 of the other at 0.5.
+        let both = on_a_sphere(&blend("0.3", a, &mask("0.5", b)));
+        let Scattering::Mix(mix) = both.scattering else { panic!("a mixture") };
+        assert!(matches!(mix.1, Scalar::Constant(w) if (w - 0.15 / 0.85).abs() < 1e-6));
+        close(opacity(&blend("0.3", a, &mask("0.5", b))), 0.85);
+    }
+
+    #[test]
+    fn spectra_are_read_by_their_plugins() {
+        let light = |spectrum: &str| {
+            let d = read(&format!("<shape type='sphere'><emitter type='area'>{spectrum}</emitter></shape>")).unwrap();
+            // Lamps reflect nothing unless they are told to.
+            assert!(matches!(d.materials[0].scattering, Scattering::Black));
+            let crate::material::EmissionColor::Constant(light) = d.materials[0].emission.clone().unwrap().radiance else {
+                panic!("a constant")
+            };
+            light
+        };
+        let ratio = |l: &diopter_light::Spectrum| l.at(650.0) / l.at(450.0);
+        let even = light("<spectrum name='radiance' value='5'/>");
+        assert!((ratio(&even) - 1.0).abs() < 1e-6 && (diopter_light::color::luminance(|nm| even.at(nm)) - 5.0).abs() < 0.01);
+        assert!(
+            (ratio(&light("<spectrum name='radiance' type='uniform'><float name='value' value='5'/></spectrum>")) - 1.0).abs()
+                < 1e-6
+        );
+        // 80.0 at 650 nm, 117.0 at 450 nm (CIE 15).
+        assert!((ratio(&light("<spectrum name='radiance' type='d65'/>")) - 80.0 / 117.0).abs() < 0.03);
+        let listed = light("<spectrum name='radiance' value='400:1, 500:2, 700:4'/>");
+        let irregular = "<spectrum name='radiance' type='irregular'><string name='wavelengths' value='400, 500, 700'/><string name='values' value='1, 2, 4'/></spectrum>";
+        let regular = "<spectrum name='radiance' type='regular'><float name='wavelength_min' value='400'/><float name='wavelength_max' value='700'/>\
+            <string name='values' value='1, 2, 3, 4'/></spectrum>";
+        for text in [irregular, regular, "<spectrum name='radiance' filename='l.spd'/>"] {
+            let l = light(text);
+            assert!([450.0, 560.0, 680.0].iter().all(|nm| (l.at(*nm) / listed.at(*nm) - 1.0).abs() < 1e-5), "{text}");
+        }
+        let warm = light("<spectrum name='radiance' type='blackbody'><float name='temperature' value='3000'/></spectrum>");
+        assert!(ratio(&warm) > 3.0, "{}", ratio(&warm));
+        let wrong = |spectrum: &str| {
+            read(&format!("<shape type='sphere'><emitter type='area'>{spectrum}</emitter></shape>")).unwrap_err().to_string()
+        };
+        assert!(wrong("<spectrum name='radiance' type='sparkle'/>").contains("spectrum \"sparkle\""));
+        assert!(
+            wrong("<spectrum name='radiance' type='irregular'><string name='wavelengths' value='1'/></spectrum>")
+                .contains("without values")
+        );
+        assert!(wrong("<spectrum name='radiance' filename='c.txt'/>").contains("c.txt"));
+    }
+
+    #[test]
+    fn what_differs_from_the_file_is_said() {
+        let said = |body: &str| read(body).unwrap().warnings.join("; ");
+        let ball = "<shape type='sphere'/>";
+        let sensor = |inner: &str| format!("{ball}<sensor type='perspective'><float name='fov' value='40'/>{inner}</sensor>");
+        assert!(said(&sensor("<medium type='homogeneous'/>")).contains("medium around a sensor"));
+        assert!(
+            said(&sensor("<film type='hdrfilm'><integer name='crop_width' value='10'/></film>")).contains("crops of the film")
+        );
+        assert!(said(&sensor("<transform name='to_world'><scale x='-1'/></transform>")).contains("mirroring of a sensor"));
+        let two = "<shape type='sphere'><bsdf type='twosided'><bsdf type='diffuse'/><bsdf type='conductor'/></bsdf></shape>";
+        assert!(said(two).contains("back of twosided"));
+        assert_eq!(said(&sensor("<film type='hdrfilm'><integer name='width' value='10'/></film>")), "");
     }
 
     #[test]

@@ -210,9 +210,30 @@ impl Reader<'_> {
             let value = self.substituted(a.value(), &file.name, line)?;
             attributes.push((a.name().to_owned(), if a.name() == "name" { snake_case(&value) } else { value }));
         }
+        if of.tag_name().name() == "spectrum"
+            && let Some(at) = attributes.iter().position(|(name, _)| name == "filename")
+        {
+            attributes[at] = ("value".to_owned(), self.spectrum(&attributes[at].1, &file.name, line)?);
+        }
         let children = self.children(of, file, depth + 1)?;
         let (tag, file, is_read) = (of.tag_name().name().to_owned(), file.name.clone(), AtomicBool::new(false));
         Ok(Arc::new(Node { tag, attributes, children, line, file, is_read }))
+    }
+
+    /// Values of a file of wavelengths (nm) and values, a line each, as an attribute has them.
+    fn spectrum(&self, name: &str, file: &str, line: u32) -> Result<String, SceneError> {
+        let bytes = found(self.fetch, &self.folders, name)
+            .map_err(|e| wrong(file, line, format!("{name}: {e}"), "a file that can be read"))?;
+        let text = String::from_utf8_lossy(&bytes);
+        let lines = text.lines().map(|l| l.split('#').next().unwrap_or_default().trim()).filter(|l| !l.is_empty());
+        let pair = |l: &str| {
+            let words: Vec<f32> = l.split_whitespace().map(|w| w.parse().ok()).collect::<Option<_>>()?;
+            let [nm, value] = words[..] else { return None };
+            Some(format!("{nm}:{value}"))
+        };
+        let pairs: Option<Vec<String>> = lines.map(pair).collect();
+        let pairs = pairs.filter(|p| !p.is_empty());
+        Ok(pairs.ok_or_else(|| wrong(file, line, name, "lines of a wavelength, nm, and a value"))?.join(", "))
     }
 
     /// A text with the values of defaults in the places of $names, the longest that fits.

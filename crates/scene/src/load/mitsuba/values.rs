@@ -67,8 +67,10 @@ pub fn vector(node: &Node, name: &str, default: DVec3) -> Read<DVec3> {
 #[derive(Clone, Debug)]
 pub enum Shade {
     Rgb(Vec3),
-    /// The same at all wavelengths.
+    /// A number: white of it, as a light.
     Even(f32),
+    /// The same at all wavelengths, as a light, too.
+    EvenSpectrum(f32),
     /// Wavelengths, nm, and values.
     Points(Vec<(f32, f32)>),
     Blackbody(f32, f32),
@@ -77,6 +79,11 @@ pub enum Shade {
 impl Shade {
     /// What an element says; none of elements that are no colour.
     pub fn of(node: &Node) -> Read<Option<Shade>> {
+        if node.tag == "spectrum"
+            && let Some(kind) = node.get("type")
+        {
+            return Shade::of_kind(node, kind).map(Some);
+        }
         let value = node.get("value").unwrap_or_default();
         Ok(Some(match node.tag.as_str() {
             "float" => Shade::Even(number_of(node, "value", 0.0)? as f32),
@@ -105,39 +112,77 @@ impl Shade {
                     .collect::<Option<_>>()
                     .ok_or_else(|| wrong(node, format!("\"{value}\""), "wavelength:value, ..."))?;
                 points.retain(|p| p.0.is_finite() && p.1.is_finite());
-                points.sort_by(|a, b| a.0.total_cmp(&b.0));
-                points.dedup_by_key(|p| p.0);
-                if points.is_empty() {
-                    return Err(wrong(node, "no values", "wavelength:value, ..."));
-                }
-                Shade::Points(points)
+                sorted(node, points)?
             }
             "spectrum" => match numbers_of(node, value)?[..] {
-                [v] => Shade::Even(v as f32),
+                [v] => Shade::EvenSpectrum(v as f32),
                 [r, g, b] => Shade::Rgb(Vec3::new(r as f32, g as f32, b as f32)),
                 _ => return Err(wrong(node, format!("\"{value}\""), "a number, or wavelength:value, ...")),
             },
-            "blackbody" => {
-                let kelvin = number_of(node, "temperature", 5000.0)? as f32;
-                if !(100.0..=1e6).contains(&kelvin) {
-                    return Err(wrong(node, format!("{kelvin} K"), "100 to 1 000 000 K"));
-                }
-                Shade::Blackbody(kelvin, number_of(node, "scale", 1.0)? as f32)
-            }
+            "blackbody" => blackbody(node, number_of(node, "temperature", 5000.0)?, number_of(node, "scale", 1.0)?)?,
             _ => return Ok(None),
         }))
+    }
+
+    /// A spectrum by its plugin. Source: Mitsuba 3, plugin reference (spectra).
+    fn of_kind(node: &Node, kind: &str) -> Read<Shade> {
+        let list = |name: &str| -> Read<Vec<f32>> {
+            let text = text(node, name).ok_or_else(|| {
+                wrong(node, format!("a spectrum \"{kind}\" without {name}"), format!("<string name=\"{name}\" value=\"...\"/>"))
+            })?;
+            Ok(numbers_of(node, text)?.into_iter().map(|v| v as f32).collect())
+        };
+        let points = |wavelengths: Vec<f32>, values: Vec<f32>| match wavelengths.len() == values.len() {
+            true => sorted(node, wavelengths.into_iter().zip(values).collect()),
+            false => Err(wrong(node, format!("{} values of {} wavelengths", values.len(), wavelengths.len()), "one of each")),
+        };
+        match kind {
+            "uniform" => Ok(Shade::EvenSpectrum(number(node, "value", 1.0)? as f32)),
+            "d65" => Ok(Shade::Even(number(node, "scale", 1.0)? as f32)),
+            "blackbody" => blackbody(node, number(node, "temperature", 5000.0)?, number(node, "scale", 1.0)?),
+            "irregular" => points(list("wavelengths")?, list("values")?),
+            "regular" => {
+                let values = list("values")?;
+                let range = [number(node, "wavelength_min", 360.0)?, number(node, "wavelength_max", 830.0)?];
+                let step = (range[1] - range[0]) / (values.len().max(2) - 1) as f64;
+                points((0..values.len()).map(|i| (range[0] + step * i as f64) as f32).collect(), values)
+            }
+            "srgb" | "rgb" => {
+                let color = node.child("color").or_else(|| node.child("value"));
+                let shade = color.map(|color| Shade::of(color)).transpose()?.flatten();
+                shade.ok_or_else(|| {
+                    wrong(node, format!("a spectrum \"{kind}\" without color"), "<rgb name=\"color\" value=\"...\"/>")
+                })
+            }
+            other => Err(wrong(
+                node,
+                format!("spectrum \"{other}\""),
+                "uniform, d65, blackbody, regular, irregular or srgb, or values of its own: others are not supported",
+            )),
+        }
     }
 
     /// Linear sRGB: of a reflectance.
     pub fn rgb(&self) -> Vec3 {
         match self {
             Shade::Rgb(rgb) => *rgb,
-            Shade::Even(v) => Vec3::splat(*v),
+            Shade::Even(v) | Shade::EvenSpectrum(v) => Vec3::splat(*v),
             Shade::Points(points) => crate::texture::spectrum_rgb(&Spectrum::Table(Table::from_points(points))).max(Vec3::ZERO),
             Shade::Blackbody(kelvin, scale) => {
                 let light = blackbody_with_luminance(*kelvin, *scale);
                 color::srgb_of_light(|nm| light.at(nm)).max(Vec3::ZERO)
             }
+        }
+    }
+
+    /// Linear sRGB: of a light.
+    pub fn light_rgb(&self) -> Vec3 {
+        match self {
+            Shade::Points(_) | Shade::EvenSpectrum(_) => {
+                let light = self.light(1.0);
+                color::srgb_of_light(|nm| light.at(nm))
+            }
+            other => other.rgb(),
         }
     }
 
@@ -150,6 +195,7 @@ impl Shade {
                 let even = color::luminance(|_| 1.0) as f32;
                 Spectrum::Table(Table::from_points(points).scaled(factor / even))
             }
+            Shade::EvenSpectrum(v) => Shade::Points(vec![(380.0, v.max(0.0)), (780.0, v.max(0.0))]).light(factor),
             other => Spectrum::light_from_rgb(other.rgb().max(Vec3::ZERO) * factor),
         }
     }
@@ -157,7 +203,7 @@ impl Shade {
     /// A number without bound over wavelength, such as an index.
     pub fn unbounded(&self) -> Spectrum {
         match self {
-            Shade::Even(v) => Spectrum::Constant(*v),
+            Shade::Even(v) | Shade::EvenSpectrum(v) => Spectrum::Constant(*v),
             Shade::Points(points) => Spectrum::Table(Table::from_points(points)),
             other => {
                 let rgb = other.rgb();
@@ -165,6 +211,23 @@ impl Shade {
                 Spectrum::TableOfRgb { table: Table::from_points(&points), rgb }
             }
         }
+    }
+}
+
+/// Values by wavelength, nm. Fails without any.
+fn sorted(node: &Node, mut points: Vec<(f32, f32)>) -> Read<Shade> {
+    points.sort_by(|a, b| a.0.total_cmp(&b.0));
+    points.dedup_by_key(|p| p.0);
+    match points.is_empty() {
+        true => Err(wrong(node, "no values", "wavelength:value, ...")),
+        false => Ok(Shade::Points(points)),
+    }
+}
+
+fn blackbody(node: &Node, kelvin: f64, scale: f64) -> Read<Shade> {
+    match (100.0..=1e6).contains(&kelvin) {
+        true => Ok(Shade::Blackbody(kelvin as f32, scale as f32)),
+        false => Err(wrong(node, format!("{kelvin} K"), "100 to 1 000 000 K")),
     }
 }
 

@@ -235,6 +235,8 @@ impl<'a> World<'a> {
             return Ok(*number);
         }
         let surface = match &bsdf {
+            // As Mitsuba has it: lamps are black unless told otherwise.
+            None if emitter.is_some() => Surface::black(),
             None => Surface::default(),
             Some(bsdf) => match self.surfaces.get(&Arc::as_ptr(bsdf)) {
                 Some(known) => known.clone(),
