@@ -4,7 +4,7 @@
 //! KHR_materials_emissive_strength, _ior, _transmission, _unlit, _volume.
 
 use crate::material::film::THICKEST_NM;
-use crate::material::{Anisotropy, Film, Principled, Sheen, Transmission};
+use crate::material::{Anisotropy, CoatNormal, Film, Principled, Sheen, Transmission};
 use crate::texture::{Codes, Color, Scalar, Texture};
 use diopter_light::Spectrum;
 use diopter_light::spectrum::Table;
@@ -176,6 +176,11 @@ fn write_iridescence(p: &Principled, sink: &mut dyn Sink) -> Option<Value> {
 fn read_clearcoat(p: &mut Principled, source: &Source) {
     p.clearcoat = source.scalar("clearcoatFactor", 0.0, "clearcoatTexture", 0);
     p.clearcoat_roughness = source.scalar("clearcoatRoughnessFactor", 0.0, "clearcoatRoughnessTexture", 1);
+    let scale = source.json.get("clearcoatNormalTexture").and_then(|t| t.get("scale")).and_then(Value::as_f64);
+    p.coat_normal = Some(Box::new(match source.texture("clearcoatNormalTexture", Codes::Linear) {
+        Some(texture) => CoatNormal::Picture { texture, scale: scale.map_or(1.0, |s| s as f32) },
+        None => CoatNormal::Surface,
+    }));
 }
 
 fn write_clearcoat(p: &Principled, sink: &mut dyn Sink) -> Option<Value> {
@@ -184,7 +189,12 @@ fn write_clearcoat(p: &Principled, sink: &mut dyn Sink) -> Option<Value> {
         return None;
     }
     let roughness = sink.number(&p.clearcoat_roughness);
-    Some(json!({ "clearcoatFactor": coat, "clearcoatRoughnessFactor": roughness }))
+    let mut json = json!({ "clearcoatFactor": coat, "clearcoatRoughnessFactor": roughness });
+    if let Some(CoatNormal::Picture { texture, scale }) = p.coat_normal.as_deref() {
+        json["clearcoatNormalTexture"] = sink.texture(texture);
+        json["clearcoatNormalTexture"]["scale"] = json!(scale);
+    }
+    Some(json)
 }
 
 fn set(json: &mut Value, key: &str, picture: Option<Value>) {

@@ -72,6 +72,11 @@ pub(crate) fn field<T: Exact>(value: &Value, name: &str, source: &Source) -> Res
     T::read(found, source).map_err(|e| format!("{name}: {e}"))
 }
 
+/// The same, or what it is where the object does not know the field.
+pub(crate) fn field_or<T: Exact>(value: &Value, name: &str, source: &Source, or: T) -> Result<T, String> {
+    if value.get(name).is_some() { field(value, name, source) } else { Ok(or) }
+}
+
 /// Writes and reads structures by their fields.
 macro_rules! exact_struct {
     ($type:ty { $($field:ident),+ $(,)? }) => {

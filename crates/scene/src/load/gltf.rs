@@ -298,7 +298,6 @@ impl<'a> Loader<'a> {
         let document = self.document.clone();
         for material in document.materials() {
             let number = material.index().unwrap_or(usize::MAX);
-            self.say_coat(&material, number);
             let kept = self.kept.materials.get_mut(number).and_then(Option::take);
             let material = kept.map_or_else(|| self.material(&material), Ok)?;
             self.description.materials.push(material);
@@ -493,20 +492,6 @@ impl<'a> Loader<'a> {
         let kind = PunctualKind::Point { position: Vec3::ZERO };
         self.description.punctual.push(Punctual { carrier: Some(node as u32), pattern, ..Punctual::new(name, power, kind) });
         Ok(())
-    }
-
-    /// Says where a clear coat is not bent as the file says: it has the normals of what is below it.
-    fn say_coat(&mut self, material: &gltf::Material, number: usize) {
-        let coat = material.extension_value("KHR_materials_clearcoat");
-        let coat = coat.filter(|c| c.get("clearcoatFactor").and_then(Value::as_f64).is_some_and(|f| f > 0.0));
-        let index = |c: &Value| c.get("clearcoatNormalTexture")?.get("index")?.as_u64();
-        let base = material.normal_texture().map(|t| t.texture().index() as u64);
-        if coat.is_none_or(|coat| index(coat) == base) {
-            return;
-        }
-        let what = if base.is_some() { "has the normals of what is below it" } else { "is without its picture of normals" };
-        let name = material.name().map_or_else(|| format!("material {number}"), |n| format!("material \"{n}\""));
-        self.description.warnings.push(format!("{}: the clear coat of {name} {what}", self.name));
     }
 
     /// Places of the copies of a node's mesh (EXT_mesh_gpu_instancing).

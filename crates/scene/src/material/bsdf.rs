@@ -98,6 +98,21 @@ impl LocalFrame {
 }
 
 impl LocalFrame {
+    /// Gets lobes ready to be seen in these axes.
+    #[inline]
+    pub fn look_at(&self, lobes: &mut PrincipledLobes, surface: &Surface) {
+        let coat = lobes.coat_normal().map(|normal| {
+            let n = normal.at(surface);
+            self.local(if self.ng.dot(surface.ng) < 0.0 { -n } else { n })
+        });
+        lobes.look_from(self.wo, coat);
+    }
+
+    #[inline]
+    fn local(&self, w: Vec3) -> Vec3 {
+        Vec3::from_array(self.axes.map(|axis| axis.dot(w)))
+    }
+
     /// Density of a direction by the cosine of the hemisphere, 1/sr; 0 where the true surface and the shaded one put it on different sides.
     #[inline]
     pub fn cosine_density(&self, wi: Vec3) -> f32 {
@@ -163,7 +178,7 @@ impl Bsdf<'_> {
     }
 
     fn local(&self, w: Vec3) -> Vec3 {
-        Vec3::from_array(self.frame.axes.map(|axis| axis.dot(w)))
+        self.frame.local(w)
     }
 
     /// f cos θ (1/sr) at the four wavelengths for the unit direction `wi` away from the surface, and the density (1/sr) [`Bsdf::sample`] has for it; 0 for mirrors.

@@ -6,6 +6,7 @@
 pub mod anisotropy;
 pub mod bsdf;
 pub mod bump;
+pub mod coat;
 pub mod coated;
 pub mod conductor;
 pub mod diffuse;
@@ -25,6 +26,7 @@ pub use anisotropy::Anisotropy;
 pub(crate) use bsdf::Orientation;
 pub use bsdf::{Bsdf, Scatter};
 pub use bump::{Bump, BumpUnit};
+pub use coat::CoatNormal;
 pub use coated::CoatedConductor;
 pub use conductor::Conductor;
 pub use film::Film;
@@ -381,16 +383,7 @@ impl Material {
             // Strands are thinner than anything on them.
             return if surface.is_strand() { surface.ns } else { bump.normal(surface) };
         }
-        let Some((texture, scale)) = &self.normal_map else { return surface.ns };
-        let tangent = surface.tangent - surface.ns * surface.tangent.dot(surface.ns);
-        if tangent.length_squared() == 0.0 {
-            return surface.ns;
-        }
-        let tangent = tangent.normalize();
-        let bitangent = surface.ns.cross(tangent) * surface.handedness;
-        let n = texture.at(&surface.uv).truncate() * 2.0 - 1.0;
-        let n = tangent * (n.x * scale) + bitangent * (n.y * scale) + surface.ns * n.z;
-        n.try_normalize().unwrap_or(surface.ns)
+        self.normal_map.as_ref().map_or(surface.ns, |(texture, scale)| coat::pictured(surface, texture, *scale))
     }
 
     /// The scattering function at a point seen from direction `wo` (unit, away from the surface). `None` where the surface
@@ -428,7 +421,7 @@ impl Material {
             Scattering::Measured(measured) => Bsdf { lobes: Lobes::Measured(measured.at(frame.wo, wavelengths)), frame },
             Scattering::Principled(principled) => {
                 let mut lobes = principled.at(surface, wo, wavelengths, hero_only, around);
-                lobes.look_from(frame.wo);
+                frame.look_at(&mut lobes, surface);
                 Bsdf { lobes: Lobes::Principled(lobes), frame }
             }
         })
@@ -452,7 +445,7 @@ impl Material {
     ) {
         bsdf.frame = LocalFrame::new(surface, orientation, wo);
         match (&mut bsdf.lobes, &self.scattering) {
-            (Lobes::Principled(lobes), _) => lobes.look_from(bsdf.frame.wo),
+            (Lobes::Principled(lobes), _) => bsdf.frame.look_at(lobes, surface),
             (Lobes::Measured(lobe), Scattering::Measured(measured)) => *lobe = measured.at(bsdf.frame.wo, wavelengths),
             _ => {}
         }

@@ -15,12 +15,13 @@ pub(super) use self::lobes::PrincipledLobes;
 
 use self::lobes::{OverFilm, Tint, View};
 use super::anisotropy::Anisotropy;
+use super::coat::CoatNormal;
 use super::energy::{Interface, prepare_mirrors};
 use super::film::{Film, index_of};
 use super::inputs::{Inputs, inputs_struct};
 use super::microfacet::{Ggx, SMOOTH};
 use super::sheen::{self, Sheen};
-use crate::exact::{Exact, Sink, Source, exact_enum, field};
+use crate::exact::{Exact, Sink, Source, exact_enum, field, field_or};
 use crate::shape::Surface;
 use crate::texture::{Color, Scalar};
 use diopter_light::{SampledSpectrum, SampledWavelengths, Spectrum};
@@ -102,7 +103,8 @@ macro_rules! principled {
                 }
                 // Its tables come from these two.
                 let plain = Principled::new(field(value, "base_color", source)?, ior);
-                Ok(Principled { $( $field: field(value, key!($field $($key)?), source)?, )+ ..plain })
+                // What older files do not know is as by `new`.
+                Ok(Principled { $( $field: field_or(value, key!($field $($key)?), source, plain.$field)?, )+ ..plain })
             }
         }
 
@@ -137,6 +139,8 @@ principled! {
     specular_color: Color = Color::rgb(1.0, 1.0, 1.0),
     /// Whether the two differ from 1.
     tinted: bool = false,
+    /// Where the coat has its normals from, if not from what is below.
+    coat_normal: Option<Box<CoatNormal>> = None,
     /// A thin film between the coat and what is below.
     film: Option<Box<Film>> = None,
     /// Cloth under the coat.
@@ -277,6 +281,8 @@ impl Principled {
             dispersed: if dispersive { wavelengths.hero_only() } else { SampledSpectrum::ONE },
             coat: if inside { 0.0 } else { self.clearcoat.at(surface).clamp(0.0, 1.0) },
             coat_roughness: self.clearcoat_roughness.at(surface).clamp(0.04, 1.0),
+            coat_normal: self.coat_normal.as_deref(),
+            coat_turn: None,
             tint,
             film,
             sheen: if inside { None } else { self.sheen.as_ref().and_then(|s| s.at(surface, wavelengths)) },

@@ -305,7 +305,7 @@ const KEYS: &str = "\
     anisotropyStrength as_number asset asymmetry attenuationColor attenuationDistance attributes b baseColorFactor \
     base_color basis beta_m beta_n blocks bounces bounds box_max box_min buffer bufferView bufferViews buffers bump \
     byteLength byteOffset bytes c camera cameras carrier cells_per_m center channel clearcoat clearcoat_roughness cloud \
-    codes color componentType corner cos_inner cos_outer count coverage curves cutoff data density diagonal_mm diopter \
+    coat_normal codes color componentType corner cos_inner cos_outer count coverage curves cutoff data density diagonal_mm diopter \
     direction dispersion doubleSided duty edge edges emission emissiveFactor emissiveStrength environment eta eumelanin \
     even extensions extensionsUsed extras factor factors field file film fingerprint first_nm focus_m frequency \
     frequency_hz generator glow graph graphs grid half_angle height image image_from_uv images index_from_own indices \

@@ -154,11 +154,11 @@ fn halved(from: &Image, codes: Codes) -> Image {
     // Of an odd width; the pixels of an even one pair up.
     let across: Option<Vec<Vec<(usize, f32)>>> =
         (from.width % 2 == 1).then(|| (0..width).map(|x| covered(x, from.width).collect()).collect());
-    let row_of = |y: usize| {
-        let mut sums = vec![Vec4::ZERO; width];
-        let mut row = Vec::with_capacity(from.width);
+    let row_of = |(row, sums): &mut (Vec<Vec4>, Vec<Vec4>), y: usize| {
+        sums.clear();
+        sums.resize(width, Vec4::ZERO);
         for (source, weight) in covered(y, from.height) {
-            linear_row(from, codes, source, &mut row);
+            linear_row(from, codes, source, row);
             match &across {
                 None => {
                     let half = 0.5 * weight;
@@ -173,19 +173,27 @@ fn halved(from: &Image, codes: Codes) -> Image {
                 }
             }
         }
-        sums
     };
     let wide = |v: Vec4| (v * 65535.0 + 0.5).to_array().map(|x| x as u16);
     match from.holds_numbers() {
-        true => Image::linear(
-            width,
-            height,
-            (0..height).into_par_iter().flat_map_iter(|y| row_of(y).into_iter().map(|v| v.to_array())).collect(),
-        ),
-        false => {
-            Image::wide(width, height, (0..height).into_par_iter().flat_map_iter(|y| row_of(y).into_iter().map(wide)).collect())
-        }
+        true => Image::linear(width, height, rows(width, height, row_of, |v| v.to_array())),
+        false => Image::wide(width, height, rows(width, height, row_of, wide)),
     }
+}
+
+/// The pixels of a picture, of rows that are made in linear light: `row_of` leaves one in the second of two lists of numbers that it may keep its own in.
+fn rows<T: Copy + Default + Send>(
+    width: usize,
+    height: usize,
+    row_of: impl Fn(&mut (Vec<Vec4>, Vec<Vec4>), usize) + Sync,
+    pixel: impl Fn(Vec4) -> T + Sync,
+) -> Vec<T> {
+    let mut pixels = vec![T::default(); width * height];
+    pixels.par_chunks_mut(width).enumerate().for_each_init(Default::default, |kept, (y, to)| {
+        row_of(kept, y);
+        to.iter_mut().zip(&kept.1).for_each(|(to, v)| *to = pixel(*v));
+    });
+    pixels
 }
 
 /// A row of a picture in linear light.
@@ -194,7 +202,11 @@ fn linear_row(image: &Image, codes: Codes, row: usize, out: &mut Vec<Vec4>) {
     match &image.texels {
         // A tile at a time, not a pixel.
         Texels::Paged(paged) => paged.row(row, image.width, |texel| out.push(linear(texel, codes))),
-        _ => out.extend((0..image.width).map(|x| linear(image.texel(x, row), codes))),
+        Texels::Codes(all) => out.extend(all[row * image.width..][..image.width].iter().map(|c| linear(Texel::Codes(*c), codes))),
+        Texels::Wide(all) => out.extend(all[row * image.width..][..image.width].iter().map(|c| linear(Texel::Wide(*c), codes))),
+        Texels::Linear(all) => {
+            out.extend(all[row * image.width..][..image.width].iter().map(|c| linear(Texel::Linear(*c), codes)))
+        }
     }
 }
 

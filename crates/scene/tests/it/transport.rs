@@ -8,16 +8,17 @@ use diopter_scene::light::Environment;
 use diopter_scene::light::{Punctual, PunctualKind, SpotEdge};
 use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{
-    Anisotropy, CoatedConductor, Conductor, Coverage, Emission, EmissionColor, Film, Material, Principled, Scattering, Sheen,
-    Transmission,
+    Anisotropy, CoatNormal, CoatedConductor, Conductor, Coverage, Emission, EmissionColor, Film, Material, Principled,
+    Scattering, Sheen, Transmission,
 };
 use diopter_scene::radiance::CameraPath;
 use diopter_scene::radiance::record::StokesVectors;
 use diopter_scene::shape::{Mesh, Quad, Sphere};
-use diopter_scene::texture::{Color, Scalar};
+use diopter_scene::texture::{Color, Image, Scalar, Texture};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
 use glam::{Affine3A, Vec3, Vec4};
 use level::level;
+use std::sync::Arc;
 
 const NM: [f32; 4] = [450.0, 520.0, 590.0, 660.0];
 
@@ -217,6 +218,18 @@ fn grained_and_woven() -> Vec<(String, Material)> {
                 p.sheen = Some(Box::new(Sheen { color: Color::rgb(0.9, 0.9, 0.9), roughness: s(roughness) }));
             })
         };
+        // A coat that lies level over a base whose normal leans by 30°, and one that leans the other way.
+        let leaning = |x: f32| Texture::color(Arc::new(Image::linear(1, 1, vec![[0.5 + 0.5 * x, 0.5, 0.933, 1.0]])));
+        for (name, normal) in
+            [("level", CoatNormal::Surface), ("leaning", CoatNormal::Picture { texture: leaning(-0.5), scale: 1.0 })]
+        {
+            let mut material = principled(|p| {
+                (p.roughness, p.clearcoat, p.clearcoat_roughness) = (s(0.7), s(1.0), s(roughness.max(0.4)));
+                p.coat_normal = Some(Box::new(normal));
+            });
+            material.normal_map = Some((leaning(0.5), 1.0));
+            all.push((format!("bumpy {roughness}, its coat {name}"), material));
+        }
         all.push((format!("cloth {roughness}"), cloth(0.0)));
         all.push((format!("varnished cloth {roughness}"), cloth(1.0)));
     }
@@ -279,6 +292,8 @@ fn grain_and_fibres_neither_make_nor_lose_much() {
             // How much escapes from under a coat is tabulated for even metals only.
             let (least, most) = match name.split(' ').next().unwrap_or_default() {
                 "cloth" | "varnished" => (0.8, 1.01),
+                // Light between the two horizons is lost.
+                "bumpy" => (0.4, 1.06),
                 "lacquered" => (0.7, 1.2),
                 // Seen alone a face of glass gives back (1 / n)² of what it lets through.
                 "glass" => (0.44, 0.65),

@@ -4,7 +4,7 @@ use super::Loader;
 use super::pictures::json_transform;
 use crate::SceneError;
 use crate::light::Modulation;
-use crate::material::{Coverage, Emission, EmissionColor, Interior, Material, Principled, Scattering, Transmission};
+use crate::material::{CoatNormal, Coverage, Emission, EmissionColor, Interior, Material, Principled, Scattering, Transmission};
 use crate::material_extensions::{EXTENSIONS, Source};
 use crate::medium::Medium;
 use crate::texture::{Codes, Color, Scalar};
@@ -93,6 +93,10 @@ impl Loader<'_> {
             };
             Some((self.texture(&n.texture(), Codes::Linear, set, matrix)?, n.scale()))
         });
+        // Nothing that it could differ from.
+        if normal_map.is_none() && matches!(principled.coat_normal.as_deref(), Some(CoatNormal::Surface)) {
+            principled.coat_normal = None;
+        }
         let scattering = Scattering::Principled(Box::new(principled));
         Ok(Material { name, scattering, emission, normal_map, bump: None, coverage, interior })
     }

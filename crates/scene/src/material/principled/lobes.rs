@@ -1,13 +1,14 @@
 //! The lobes of the principled material at a point: evaluation, sampling, and what each layer keeps from those below.
 
 use super::{Against, COAT_IOR};
+use crate::material::coat::CoatNormal;
 use crate::material::energy::{Interface, Side, mirror_albedo_at};
 use crate::material::film::FilmLayer;
 use crate::material::local_scatter::{Breadth, LocalScatter};
 use crate::material::microfacet::{Ggx, cosine_of, fresnel_dielectric, fresnel_schlick, reflect, refract};
 use crate::material::sheen::SheenLobe;
 use diopter_light::{SampledSpectrum, sampling};
-use glam::Vec3;
+use glam::{Quat, Vec3};
 use std::f32::consts::{FRAC_1_PI, TAU};
 
 /// The model at a point.
@@ -32,6 +33,9 @@ pub(in crate::material) struct PrincipledLobes<'a> {
     pub(super) dispersed: SampledSpectrum,
     pub(super) coat: f32,
     pub(super) coat_roughness: f32,
+    pub(super) coat_normal: Option<&'a CoatNormal>,
+    /// Takes directions to axes whose z is the normal of the coat, where that is another.
+    pub(super) coat_turn: Option<Quat>,
     pub(super) interface: &'a Interface,
     pub(super) tint: Option<Tint>,
     pub(super) film: Option<OverFilm>,
@@ -96,7 +100,7 @@ pub(super) struct View {
     pub choice: [f32; 5],
 }
 
-impl PrincipledLobes<'_> {
+impl<'a> PrincipledLobes<'a> {
     /// Fraction of light that the dielectric reflects at a cosine, with its tint and film: by one face, or by both of a thin dielectric. Source: pbrt, §9.5.1:
     /// R + T² R / (1 − R²).
     pub(super) fn dielectric(&self, cos: f32) -> SampledSpectrum {
@@ -172,8 +176,12 @@ impl PrincipledLobes<'_> {
             let side = if self.inside_denser { Side::Inside } else { Side::Outside };
             self.interface().directional_albedo(side, self.facets, wo)
         };
-        let coat_reflected =
-            if self.coat > 0.0 { self.coat * self.coat_interface.reflected(self.coat_facets(), wo) } else { 0.0 };
+        // A coat that lies edge-on is not seen.
+        let over = self.over_coat(wo);
+        let coat_reflected = match self.coat > 0.0 && over.z > 0.0 {
+            true => self.coat * self.coat_interface.reflected(self.coat_facets(), over),
+            false => 0.0,
+        };
         let below_coat = 1.0 - coat_reflected;
 
         let base = self.base.element_sum() * 0.25;
@@ -248,8 +256,19 @@ impl PrincipledLobes<'_> {
         (self.metal(cos) * view.metal_gain * self.metallic + dielectric * (1.0 - self.metallic)) * view.below_coat
     }
 
-    /// Gets ready to be seen from a direction; everything below is asked for that one.
-    pub(in crate::material) fn look_from(&mut self, wo: Vec3) {
+    /// Where the coat has its normals from, if there is one and these are its own.
+    pub(in crate::material) fn coat_normal(&self) -> Option<&'a CoatNormal> {
+        self.coat_normal.filter(|_| self.coat > 0.0)
+    }
+
+    /// A direction in the axes of the coat.
+    fn over_coat(&self, w: Vec3) -> Vec3 {
+        self.coat_turn.map_or(w, |turn| turn * w)
+    }
+
+    /// Gets ready to be seen from a direction, over a coat of a normal if that is another; everything below is asked for that one.
+    pub(in crate::material) fn look_from(&mut self, wo: Vec3, coat_normal: Option<Vec3>) {
+        self.coat_turn = coat_normal.map(|normal| Quat::from_rotation_arc(normal, Vec3::Z));
         self.seen = self.view(wo);
     }
 
@@ -313,7 +332,8 @@ impl PrincipledLobes<'_> {
                 pdf += p_sheen / TAU;
             }
             let facets = self.coat_facets();
-            if p_coat > 0.0 && facets.is_wide(least_alpha) {
+            let (wo, wi, h) = (self.over_coat(wo), self.over_coat(wi), self.over_coat(h));
+            if p_coat > 0.0 && facets.is_wide(least_alpha) && wo.z > 0.0 && wi.z > 0.0 {
                 let d = facets.d(h) / (4.0 * wo.z);
                 f += SampledSpectrum::splat(self.coat * fresnel_dielectric(cos, COAT_IOR) * d * facets.g2(wo, wi));
                 pdf += p_coat * d * facets.g1(wo);
@@ -409,7 +429,9 @@ impl PrincipledLobes<'_> {
             let wi = above(reflect(wo, self.facets.sample_visible(wo, direction)))?;
             Vec3::new(wi.x, wi.y, -wi.z)
         } else if u[2] < p_specular + p_diffuse + p_transmission + p_coat || self.sheen.is_none() {
-            above(reflect(wo, self.coat_facets().sample_visible(wo, direction)))?
+            let over = self.over_coat(wo);
+            let wi = above(reflect(over, self.coat_facets().sample_visible(over, direction)))?;
+            above(self.coat_turn.map_or(wi, |turn| turn.inverse() * wi))?
         } else {
             // Evenly over the hemisphere: sheen is strongest at grazing angles.
             let (z, phi) = (direction[0], TAU * direction[1]);
