@@ -175,7 +175,7 @@ impl Scene {
     }
 
     /// Whether a lamp's light changes with time.
-    pub fn flickers(&self) -> bool {
+    pub(crate) fn flickers(&self) -> bool {
         self.flickers
     }
 

@@ -29,10 +29,7 @@ pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
     }
     let room = memory::room(&mut shot, args.taking.max_memory)?;
     watched("focusing", |w| shot.focus(w, &mut warn))?;
-    match shot.radiance || shot.spectral.is_some() {
-        true => watched("metering", |w| shot.meter_if_needed(w, &mut warn))?,
-        false => watched("metering", |w| shot.meter(w, &mut warn))?,
-    }
+    watched("metering", |w| shot.meter(w, &mut warn))?;
     say_ambient(file.scene.ambient_ev, &shot.facts());
     let started = Instant::now();
     let (path, facts, size, bands, seconds, stopped) = match room {

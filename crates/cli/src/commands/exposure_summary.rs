@@ -31,7 +31,6 @@ pub fn say_ambient(ambient_ev: Option<f64>, facts: &ExposureFacts) {
 pub fn display(f: &ExposureFacts, width: usize, height: usize, seconds: f64) -> String {
     let focus = f.focus_distance_m.map_or("∞".to_owned(), |d| format!("{d:.2} m"));
     let meter = match f.metered_ev100 {
-        None if f.metering.is_empty() => "not metered".to_owned(),
         None => "no light metered".to_owned(),
         Some(ev) => {
             let stop = if f.t_number > 0.0 { f.t_number } else { f.f_number };

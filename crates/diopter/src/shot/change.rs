@@ -314,34 +314,6 @@ mod tests {
     }
 
     #[test]
-    fn radiance_is_metered_only_where_it_depends_on_the_exposure() {
-        let seen = |change: fn(&mut ShotFile), radiance: bool, by_need: bool| {
-            let mut shot = Shot::prepare(&small(change), &mut |_| ()).unwrap();
-            (shot.radiance, shot.rgb) = (radiance, radiance);
-            let go_on = AtomicBool::new(false);
-            let watch = ProgressReporter { cancel: &go_on, progress: &|_| () };
-            shot.focus(&watch, &mut |_| ()).unwrap();
-            match by_need {
-                true => shot.meter_if_needed(&watch, &mut |_| ()).unwrap(),
-                false => shot.meter(&watch, &mut |_| ()).unwrap(),
-            }
-            (shot.facts().metered_ev100.is_some(), shot.expose(&watch).unwrap().mean.data)
-        };
-        let (metered, expected) = seen(|_| (), true, false);
-        let (by_need, mean) = seen(|_| (), true, true);
-        assert!(metered && !by_need && mean == expected);
-        // Electrons, an aperture that the camera chooses, a moving camera, a flash.
-        let program: fn(&mut ShotFile) = |f| f.exposure.mode = Some("P".into());
-        let moving: fn(&mut ShotFile) = |f| f.camera.shake = Some(0.6);
-        let flash: fn(&mut ShotFile) = |f| f.flash = Some(toml::from_str("guide_number = 40").unwrap());
-        for (change, radiance) in [(program, true), (moving, true), (flash, true), ((|_| ()) as fn(&mut ShotFile), false)] {
-            let (metered, expected) = seen(change, radiance, false);
-            let (by_need, mean) = seen(change, radiance, true);
-            assert!(metered && by_need && mean == expected);
-        }
-    }
-
-    #[test]
     fn a_flash_goes_with_the_camera_and_is_never_metered() {
         let flash = |change: fn(&mut ShotFile)| {
             small(|f| {

@@ -54,34 +54,13 @@ impl Shot {
         self.exposing.mode != Mode::Manual || self.exposing.auto_iso.is_some()
     }
 
-    /// Whether what is recorded depends on what the camera chooses by its meter. Radiance is the same at any time and speed where nothing moves or flickers.
-    fn depends_on_exposure(&self) -> bool {
-        let is_still = || {
-            let camera = self.camera_motion(&self.timing, self.shutter().total_s());
-            self.timing.flash.is_none()
-                && self.scene.description().animations.is_empty()
-                && !self.scene.flickers()
-                && camera.is_ok_and(|motion| motion.is_still())
-        };
-        let radiance = self.radiance || self.spectral.is_some();
-        !(radiance && matches!(self.exposing.mode, Mode::AperturePriority | Mode::Manual) && is_still())
-    }
-
-    /// The same as [`Shot::meter`], but where nothing depends on the meter it is not read, and its fact is left out: where everything is set by hand, and of radiance at an aperture that is set where
-    /// nothing moves or flickers (its time is then 1/125 s, if none is set). Fails as it does.
+    /// The same as [`Shot::meter`], but where everything is set by hand the meter is not read: nothing depends on it but its fact, which is left out. Fails as it does.
     pub fn meter_if_needed(&mut self, watch: &ProgressReporter, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
-        let chooses = self.chooses_exposure();
-        if chooses && (self.lens_cap || self.depends_on_exposure()) {
+        if self.chooses_exposure() {
             return self.meter(watch, warn);
         }
         self.find_light_scale(watch)?;
-        if chooses {
-            self.shutter = Some(self.set().time_s);
-            self.prepare_exposure(warn)?;
-            self.keep_to_time_limit(warn);
-        } else {
-            self.apply_meter_reading(None, warn)?;
-        }
+        self.apply_meter_reading(None, warn)?;
         self.facts.metering = String::new();
         Ok(())
     }
