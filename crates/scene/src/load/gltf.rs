@@ -127,26 +127,13 @@ fn drop_pointers(json: &mut Value) -> usize {
     dropped
 }
 
-/// Accessors without a view are all zeros (glTF 2.0, 3.6.2.3): gives them one.
+/// Accessors of numbers and vectors without a view are all zeros (glTF 2.0, 3.6.2.3): gives them one.
 fn add_missing_views(json: &mut Value, buffers: &mut Vec<Vec<u8>>) {
     /// Bytes of zeros, the most: of an accessor that wants more the reader says that it has none.
-    const MOST: u64 = 1 << 21;
+    const MOST: u64 = 1 << 20;
     let size = |a: &Value| -> Option<u64> {
-        let component = match a.get("componentType")?.as_u64()? {
-            5120 | 5121 => 1,
-            5122 | 5123 => 2,
-            _ => 4,
-        };
-        let count = match a.get("type")?.as_str()? {
-            "SCALAR" => 1,
-            "VEC2" => 2,
-            "VEC3" => 3,
-            "VEC4" | "MAT2" => 4,
-            "MAT3" => 9,
-            _ => 16,
-        };
-        // Columns of matrices begin at multiples of four bytes.
-        Some(a.get("count")?.as_u64()?.checked_mul(component * count)?.checked_mul(2)?.next_multiple_of(4)).filter(|n| *n <= MOST)
+        let (components, bytes) = packed::layout(a)?;
+        a.get("count")?.as_u64()?.checked_mul((components * bytes) as u64).filter(|n| *n <= MOST)
     };
     let lacks = |a: &Value| a.get("bufferView").is_none() && a.get("sparse").is_none();
     let accessors = json.get("accessors").and_then(Value::as_array);

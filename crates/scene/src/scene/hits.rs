@@ -227,26 +227,23 @@ impl Scene {
         let weights = [1.0 - u - v, u, v];
         let uv = [0, 1].map(|s| mesh.mix(&mesh.uvs[s], triangle as usize, weights).unwrap_or(Vec2::ZERO));
         let alpha = mesh.mix(&mesh.colors, triangle as usize, weights).map_or(1.0, |c| c.w);
-        let bits = |v: Vec3| v.x.to_bits() ^ mix(v.y.to_bits() ^ mix(v.z.to_bits()));
-        let draw = match blends_block {
-            true => 0.0,
-            false => to_unit(mix(bits(ray.origin) ^ mix(bits(ray.direction) ^ mix(triangle ^ object << 20)))),
-        };
-        self.material(object).coverage.accepts(&uv, alpha, draw)
+        self.is_met(ray, object, triangle, (&uv, alpha), blends_block)
     }
 
-    /// The same of what is no mesh, by the texture coordinates of the hit; `part` tells the places apart at which a ray may meet an object.
-    pub(super) fn covers_part(&self, ray: &Ray, object: u32, part: u32, uv: Vec2, blends_block: bool) -> bool {
-        let coverage = &self.material(object).coverage;
-        if matches!(coverage, Coverage::Full) {
-            return true;
-        }
+    /// The same of what is no mesh, by the texture coordinates of the hit, which few materials ask for; `part` tells the places apart at which a ray may meet an object.
+    pub(super) fn covers_part(&self, ray: &Ray, object: u32, part: u32, uv: impl FnOnce() -> Vec2, blends_block: bool) -> bool {
+        matches!(self.material(object).coverage, Coverage::Full)
+            || self.is_met(ray, object, part, (&[uv(); 2], 1.0), blends_block)
+    }
+
+    /// The draw of both.
+    fn is_met(&self, ray: &Ray, object: u32, part: u32, (uv, alpha): (&[Vec2; 2], f32), blends_block: bool) -> bool {
         let bits = |v: Vec3| v.x.to_bits() ^ mix(v.y.to_bits() ^ mix(v.z.to_bits()));
         let draw = match blends_block {
             true => 0.0,
             false => to_unit(mix(bits(ray.origin) ^ mix(bits(ray.direction) ^ mix(part ^ object << 20)))),
         };
-        coverage.accepts(&[uv; 2], 1.0, draw)
+        self.material(object).coverage.accepts(uv, alpha, draw)
     }
 }
 
@@ -385,8 +382,8 @@ impl Filter for TopFilter<'_> {
         match self.scene.description.objects[id as usize].shape {
             Shape::Sphere(s) => {
                 let covers = |part: usize, t: f32| {
-                    let n = (self.ray.at(t) - s.center).normalize();
-                    self.scene.covers_part(self.ray, id, part as u32, sphere_uv(n), self.blends_block)
+                    let uv = || sphere_uv((self.ray.at(t) - s.center).normalize());
+                    self.scene.covers_part(self.ray, id, part as u32, uv, self.blends_block)
                 };
                 let both = s.intersections(self.ray.origin, self.ray.direction)?;
                 let mut met = both.into_iter().enumerate().filter(|(_, t)| *t > 0.0 && *t < t_max);
@@ -394,7 +391,7 @@ impl Filter for TopFilter<'_> {
             }
             Shape::Quad(q) => q
                 .intersect(self.ray.origin, self.ray.direction, t_max)
-                .filter(|(_, p)| self.scene.covers_part(self.ray, id, 0, *p, self.blends_block))
+                .filter(|(_, p)| self.scene.covers_part(self.ray, id, 0, || *p, self.blends_block))
                 .map(|(t, p)| hit(t, p.x, p.y)),
             Shape::Mesh { mesh, .. } => {
                 let bvh = self.scene.built.shared[mesh as usize].as_ref()?;

@@ -91,7 +91,7 @@ impl Filter for CurveFilter<'_> {
     }
     fn intersect_other(&self, id: u32, t_max: f32, any: bool) -> Option<Hit> {
         let covers =
-            |segment: u32, u: f32, v: f32| self.scene.covers_part(self.ray, self.object, segment, Vec2::new(u, v), false);
+            |segment: u32, u: f32, v: f32| self.scene.covers_part(self.ray, self.object, segment, || Vec2::new(u, v), false);
         let hit = self.set.intersect(id, self.levels, self.local, t_max, any, &covers)?;
         Some(Hit { t: hit.t, u: hit.u, v: hit.v, id, slot: u32::MAX, instance: 0 })
     }

@@ -63,7 +63,7 @@ fn array<'v>(json: &'v Value, key: &str) -> &'v [Value] {
 }
 
 /// Components and bytes of each for an accessor's types.
-fn layout(accessor: &Value) -> Option<(usize, usize)> {
+pub(super) fn layout(accessor: &Value) -> Option<(usize, usize)> {
     let components = match accessor.get("type")?.as_str()? {
         "SCALAR" => 1,
         "VEC2" => 2,

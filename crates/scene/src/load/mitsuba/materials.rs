@@ -280,9 +280,10 @@ impl Context<'_> {
     fn blend(&mut self, a: Surface, b: Surface, weight: Scalar) -> Surface {
         let [of_a, of_b] = [product(complement(weight.clone()), a.opacity()), product(weight.clone(), b.opacity())];
         match (a.is_null(), b.is_null()) {
-            (_, true) if !a.is_null() => return a.with_opacity(of_a),
-            (true, _) => return if b.is_null() { a } else { b.with_opacity(of_b) },
-            _ => (),
+            (true, true) => return a,
+            (false, true) => return a.with_opacity(of_a),
+            (true, false) => return b.with_opacity(of_b),
+            (false, false) => (),
         }
         let (opacity, weight) = match (a.opacity(), b.opacity(), of_a, of_b) {
             (Scalar::Constant(whole), Scalar::Constant(other), ..) if whole == other => (Scalar::Constant(whole), weight),
@@ -505,7 +506,7 @@ impl Context<'_> {
             });
         }
         let texture = self.resolved(&child)?;
-        Ok(match self.graph(&texture, Codes::Srgb, 0)? {
+        Ok(match self.graph(&texture, 0)? {
             Ok(texture) => Color::Textured { factor: Vec3::ONE, texture },
             Err(graph) => Color::Graph(graph),
         })
@@ -532,14 +533,14 @@ impl Context<'_> {
                 None => Scalar::Constant(default),
             });
         }
-        Ok(match self.graph(&texture, Codes::Srgb, 0)? {
+        Ok(match self.graph(&texture, 0)? {
             Ok(texture) => Scalar::Textured { factor: 1.0, texture, channel: 0 },
             Err(graph) => Scalar::Graph(graph),
         })
     }
 
     /// A texture: a picture, or a graph of others.
-    fn graph(&mut self, node: &Arc<Node>, codes: Codes, depth: usize) -> Read<Result<Texture, Arc<Graph>>> {
+    fn graph(&mut self, node: &Arc<Node>, depth: usize) -> Read<Result<Texture, Arc<Graph>>> {
         if depth > DEEPEST || node.tag != "texture" {
             return Err(wrong(
                 node,
@@ -548,7 +549,7 @@ impl Context<'_> {
             ));
         }
         match node.kind() {
-            "bitmap" => Ok(Ok(self.bitmap(node, codes)?.unwrap_or_else(|| Texture::color(stand_in())))),
+            "bitmap" => Ok(Ok(self.bitmap(node, Codes::Srgb)?.unwrap_or_else(|| Texture::color(stand_in())))),
             "checkerboard" => {
                 let mut sides = Vec::new();
                 for (name, default) in [("color0", 0.4), ("color1", 0.2)] {
@@ -558,7 +559,7 @@ impl Context<'_> {
                             Some(shade) => Graph::Constant(shade.rgb()),
                             None => {
                                 let texture = self.resolved(&child)?;
-                                match self.graph(&texture, codes, depth + 1)? {
+                                match self.graph(&texture, depth + 1)? {
                                     Ok(texture) => {
                                         Graph::Image { texture, scale: 1.0, invert: false, as_number: None, mapping: None }
                                     }
