@@ -1,16 +1,12 @@
-//! Building: large sets are split into chunks by binned SAH, each chunk becomes a binary tree (`obvhs`: PLOC with
-//! reinsertion), and binary trees are collapsed into eight-wide nodes (`collapse`) as soon as they are done. Chunks are built in
+//! Building: large sets are split into chunks by binned SAH, each chunk becomes a binary tree (`binary`), and binary trees are collapsed into eight-wide nodes (`collapse`) as soon as they are done. Chunks are built in
 //! parallel; only a few are alive at a time, so the peak of memory stays near the size of the result. Of each chunk the largest subtrees
 //! are parts of one tree above them all (`join`): what is large in one chunk does not make the others' boxes overlap.
 
-use super::collapse::Collapse;
+use super::binary::binary_tree;
+use super::collapse::{Collapse, collapse_whole};
 use super::join::Joined;
-use super::{Bounds, Bvh, Primitive, Primitives};
+use super::{Bounds, Bvh, Primitives};
 use glam::Vec3;
-use obvhs::aabb::Aabb;
-use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
-use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use rayon::prelude::*;
 
 /// Primitives a chunk. 2 M triangles make some eighty: few are alive at a time, so the peak of memory stays low (at four times
@@ -26,13 +22,6 @@ const PARTS: usize = 2048;
 const ALL_PARTS: usize = 1 << 15;
 /// Bins of the split above the chunks.
 const BINS: usize = 32;
-/// Fraction of the nodes the reinsertion optimiser tries: doubles as the quality dial of the build.
-const REINSERTION: f32 = 0.02;
-/// The same where there are few enough primitives that nobody waits for it.
-const REINSERTION_OF_FEW: f32 = 0.15;
-/// So many are few.
-const FEW: usize = 1 << 17;
-
 impl Bvh {
     /// Builds the hierarchy over primitives. Triangles with corners that are not finite must have been sorted out. Panics where nodes, blocks of triangles or numbers of
     /// others reach 2³⁰.
@@ -61,21 +50,6 @@ impl Bvh {
         }
         joined.finish()
     }
-}
-
-impl Primitive {
-    pub(super) fn bounds(&self) -> Bounds {
-        match self {
-            Primitive::Triangle { corners, .. } => Bounds::around(*corners),
-            Primitive::Other { bounds, .. } => *bounds,
-        }
-    }
-}
-
-/// A box that stays around what it holds when it is interpolated in single precision.
-pub(super) fn padded(b: Bounds) -> Bounds {
-    let pad = b.min.abs().max(b.max.abs()) * 4.0 * f32::EPSILON;
-    Bounds { min: b.min - pad, max: b.max + pad }
 }
 
 /// How the chunks hang together.
@@ -185,26 +159,4 @@ fn split_clusters(clusters: &mut [Cluster], start: usize) -> Split {
     let (a, b) = clusters.split_at_mut(middle);
     let first: usize = a.iter().map(|c| c.count as usize).sum();
     Split::Pair(Box::new(split_clusters(a, start)), Box::new(split_clusters(b, start + first)))
-}
-
-/// A binary tree over some of the primitives, whose leaves are single ones.
-fn binary_tree(primitives: &impl Primitives, indices: &[u32]) -> Bvh2 {
-    let aabb = |i: &u32| {
-        let b = primitives.bounds(*i as usize);
-        Aabb::new(b.min.into(), b.max.into())
-    };
-    let boxes: Vec<Aabb> = indices.iter().map(aabb).collect();
-    let order: Vec<u32> = (0..indices.len() as u32).collect();
-    let mut tree =
-        PlocBuilder::with_capacity(boxes.len()).build(PlocSearchDistance::Medium, &boxes, order, SortPrecision::U64, 2);
-    drop(boxes);
-    let fraction = if primitives.len() <= FEW { REINSERTION_OF_FEW } else { REINSERTION };
-    ReinsertionOptimizer::default().run(&mut tree, fraction, None);
-    tree
-}
-
-/// The hierarchy of primitives that are not split into chunks.
-pub(super) fn collapse_whole(primitives: &impl Primitives, indices: &[u32]) -> Bvh {
-    let tree = binary_tree(primitives, indices);
-    Collapse::new(primitives, indices, &tree).into_whole()
 }

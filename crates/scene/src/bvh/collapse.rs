@@ -1,6 +1,6 @@
 //! Collapsing: a binary tree becomes eight-wide nodes and leaf blocks.
 
-use super::build::padded;
+use super::binary::binary_tree;
 use super::{Block, Bounds, Bvh, Child, End, Node, Primitive, Primitives};
 use glam::Vec3;
 use obvhs::bvh2::Bvh2;
@@ -34,6 +34,12 @@ pub(super) enum Part {
     Below(Child, [Bounds; 2]),
     /// A primitive that stands alone, by its index.
     Primitive(u32),
+}
+
+/// The hierarchy of primitives that are not split into chunks.
+pub(super) fn collapse_whole(primitives: &impl Primitives, indices: &[u32]) -> Bvh {
+    let tree = binary_tree(primitives, indices);
+    Collapse::new(primitives, indices, &tree).into_whole()
 }
 
 impl<'a, P: Primitives> Collapse<'a, P> {
@@ -271,4 +277,19 @@ impl Bvh {
         self.nodes.shrink_to_fit();
         self.blocks.shrink_to_fit();
     }
+}
+
+impl Primitive {
+    pub(super) fn bounds(&self) -> Bounds {
+        match self {
+            Primitive::Triangle { corners, .. } => Bounds::around(*corners),
+            Primitive::Other { bounds, .. } => *bounds,
+        }
+    }
+}
+
+/// A box that stays around what it holds when it is interpolated in single precision.
+fn padded(b: Bounds) -> Bounds {
+    let pad = b.min.abs().max(b.max.abs()) * 4.0 * f32::EPSILON;
+    Bounds { min: b.min - pad, max: b.max + pad }
 }

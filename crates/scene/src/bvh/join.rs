@@ -1,7 +1,6 @@
 //! Joining: the chunks of a large set below one tree over their largest subtrees.
 
-use super::build::collapse_whole;
-use super::collapse::{Part, Parts};
+use super::collapse::{Part, Parts, collapse_whole};
 use super::{Bounds, Bvh, Child, ChildKind, End, Primitive, Primitives};
 
 /// The whole hierarchy while its chunks come.

@@ -1,6 +1,6 @@
 //! Bounding volume hierarchy: eight boxes a node, eight triangles a leaf block.
 //!
-//! `build` makes it with the builder of `obvhs`, `collapse` widens binary trees, `join` puts large ones together; `traverse` follows rays through it with our own SIMD code, `packet` many shadow rays at once. A hierarchy
+//! `build` makes it of binary trees (`binary`), `collapse` widens them, `join` puts large ones together; `traverse` follows rays through it with our own SIMD code, `packet` many shadow rays at once. A hierarchy
 //! holds triangles (copied into blocks, so that a hit touches no mesh memory) and *others*: things only their owner can
 //! intersect (instances, spheres, quads), reached through [`Filter`]. Nothing outside this folder knows the layout.
 //!
@@ -11,6 +11,7 @@
 //! Triangles are tested watertight: no ray passes between two that share an edge (Woop, Benthin & Wald 2013, "Watertight
 //! Ray/Triangle Intersection", JCGT 2(1)). Boxes are widened by the rounding error of their test (Ize 2013, JCGT 2(2)).
 
+mod binary;
 mod build;
 mod collapse;
 mod join;
