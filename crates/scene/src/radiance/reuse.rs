@@ -18,6 +18,7 @@ use super::receiver::{Receiver, Receivers};
 use super::reuse_extent::{LightLevel, mean, within};
 use super::reuse_sky::SkySample;
 use super::tally::Divisible;
+use crate::bvh::packet::Bundle;
 use crate::material::{Bsdf, Coverage, Material, Orientation, Scatter};
 use crate::scene::{Object, Scene, Shape};
 use crate::shape::{Surface, offset_origin};
@@ -414,7 +415,7 @@ impl<'a> Transport<'a> {
                     shadow_rays.push(segment(receiver.origin, donor.end, receiver.time_s));
                 }
             }
-            self.scene.may_be_occluded_many(&shadow_rays, &mut hidden);
+            self.scene.may_be_occluded_many(&shadow_rays, Bundle::Towards(donor.end), &mut hidden);
             let mut hidden = hidden.iter();
             // Of the donor, and of it and the direction in which its path went on.
             let (mut density, mut joint_density) = (0.0, 0.0);

@@ -11,6 +11,7 @@ use super::path::{Path, Transport};
 use super::receiver::{Receiver, Receivers};
 use super::reuse_extent::{LightLevel, mean, within};
 use super::tally::Tally;
+use crate::bvh::packet::Bundle;
 use crate::light::LightPoint;
 use diopter_light::SampledSpectrum;
 use glam::Vec3;
@@ -95,7 +96,7 @@ impl<'a> Transport<'a> {
                     shadow_rays.push(receiver.ray_towards(sample.wi));
                 }
             }
-            self.scene.may_be_occluded_many(&shadow_rays, &mut hidden);
+            self.scene.may_be_occluded_many(&shadow_rays, Bundle::Along(sample.wi), &mut hidden);
             let mut hidden = hidden.iter();
             facing.retain(|(receiver, ..)| receiver.path == sample.path || hidden.next() == Some(&false));
             let density: f32 = facing.iter().map(|(.., density)| density).sum();

@@ -1,7 +1,7 @@
 //! Rays against everything in a scene, and what is known of the place that they meet.
 
 use super::{Object, Scene, Shape};
-use crate::bvh::packet::PACKET;
+use crate::bvh::packet::{Bundle, PACKET};
 use crate::bvh::{Bvh, Filter, Hit};
 use crate::material::{Coverage, Material};
 use crate::shape::{Detail, Mesh, Surface};
@@ -46,11 +46,11 @@ impl Scene {
     }
 
     /// The same of rays that run close together, each up to an end (m): what `occluded` holds afterwards.
-    pub(crate) fn may_be_occluded_many(&self, rays: &[(Ray, f32)], occluded: &mut Vec<bool>) {
+    pub(crate) fn may_be_occluded_many(&self, rays: &[(Ray, f32)], bundle: Bundle, occluded: &mut Vec<bool>) {
         occluded.clear();
         for rays in rays.chunks(PACKET) {
             let filter = |k: usize| TopFilter { scene: self, ray: &rays[k].0, blends_block: true };
-            let met = self.built.top.any_of(rays, filter);
+            let met = self.built.top.any_of(rays, bundle, filter);
             let is_met = |k: usize| met >> k & 1 == 1 || !self.posed.animated.is_empty() && self.occluded(&rays[k].0, rays[k].1);
             occluded.extend((0..rays.len()).map(is_met));
         }
