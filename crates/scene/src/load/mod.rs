@@ -10,6 +10,7 @@ pub mod mitsuba;
 pub mod nanovdb;
 #[cfg(test)]
 mod normal_map_tests;
+pub mod obj;
 pub mod pbrt;
 mod picture;
 pub mod ply;

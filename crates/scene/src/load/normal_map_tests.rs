@@ -1,7 +1,7 @@
 //! Maps of normals of every format against pictures of colours: red of a map leans to where columns of a picture grow on the same surface, green to
 //! where its rows begin. Where that is, is measured on the surface itself, from the colours that rays meet.
 
-use super::{gltf, mesh, pbrt, usd};
+use super::{gltf, obj, pbrt, usd};
 use crate::material::{Material, Scattering};
 use crate::scene::{Description, Object, Scene, Shape};
 use crate::shape::{Quad, Sphere};
@@ -125,7 +125,7 @@ fn maps_of_obj_files_lean_as_their_pictures_lie() {
         ("vt 0 1\nvt 0 0\nvt 1 0\nvt 1 1\n", "turned"),
     ] {
         let text = format!("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n{vt}usemtl a\nf 1/1 2/2 3/3 4/4\n");
-        let d = mesh::obj(text.as_bytes(), "a.obj", &fetch).unwrap();
+        let d = obj::obj(text.as_bytes(), "a.obj", &fetch).unwrap();
         assert_leans(d, Vec3::new(0.4, 0.45, 0.0), Vec3::Z, &format!("OBJ {name}"));
     }
 }

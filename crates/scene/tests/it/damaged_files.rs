@@ -4,7 +4,7 @@
 //! `MUTATIONS=1000000 SEEDS=folder cargo test --release -p diopter-scene --test it damaged_files`. `fuzz/` has the same readers for `cargo fuzz`.
 
 use diopter_scene::light::photometry::Web;
-use diopter_scene::load::{gltf, mesh, mitsuba, nanovdb, pbrt, read_measured, sheet, splats, usd};
+use diopter_scene::load::{gltf, mesh, mitsuba, nanovdb, obj, pbrt, read_measured, sheet, splats, usd};
 use diopter_scene::{Description, Scene, SceneError};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
@@ -35,7 +35,7 @@ fn read(reader: &str, bytes: &[u8]) {
         "gltf" => built(gltf::load(bytes, "x.gltf", &fetch)),
         "pbrt" => built(pbrt::load(bytes, "x.pbrt", &fetch)),
         "mitsuba" => built(mitsuba::load(bytes, "x.xml", &fetch)),
-        "obj" => built(mesh::obj(bytes, "x.obj", &fetch)),
+        "obj" => built(obj::obj(bytes, "x.obj", &fetch)),
         "ply" => built(mesh::ply(bytes.to_vec(), "x.ply")),
         "stl" => built(mesh::stl(bytes, "x.stl")),
         "spz" => built(splats::spz(bytes.to_vec(), "x.spz")),

@@ -164,14 +164,17 @@ impl Textures {
         let name =
             p.text("filename")?.ok_or_else(|| p.place.fault("an imagemap without filename", "\"string filename\""))?.to_owned();
         let png = name.to_lowercase().ends_with(".png");
-        let codes = match p.text("encoding")? {
-            None => Codes::Srgb,
+        let exponent = |text: &str| text.strip_prefix("gamma ")?.trim().parse().ok().filter(|g: &f32| *g > 0.0 && g.is_finite());
+        let (codes, gamma) = match p.text("encoding")? {
+            None => (Codes::Srgb, None),
             // Only of PNG files is it asked, as in pbrt.
-            Some("linear") if png => Codes::Linear,
-            Some("sRGB" | "srgb" | "linear") => Codes::Srgb,
-            Some(other) => {
-                return Err(p.place.fault(format!("encoding \"{other}\""), "sRGB or linear: others are not supported"));
-            }
+            Some("linear") if png => (Codes::Linear, None),
+            Some("sRGB" | "srgb" | "linear") => (Codes::Srgb, None),
+            Some(text) if let Some(gamma) = exponent(text) => match png {
+                true => (Codes::Linear, Some(gamma)),
+                false => (Codes::Srgb, None),
+            },
+            Some(other) => return Err(p.place.fault(format!("encoding \"{other}\""), "sRGB, linear or gamma and a number")),
         };
         let wrap = match p.text("wrap")? {
             None | Some("repeat") => Wrap::Repeat,
@@ -212,7 +215,18 @@ impl Textures {
             (true, false) => Some([MEAN, Vec3::ZERO]),
         };
         let texture = Texture { image, codes, wrap: [wrap; 2], interpolation, uv_set: 0, image_from_uv };
-        Ok(Graph::Image { texture, scale, invert, as_number: weights, mapping })
+        let Some(gamma) = gamma else { return Ok(Graph::Image { texture, scale, invert, as_number: weights, mapping }) };
+        // Codes to light, and then what is made of that.
+        let picture = Graph::Image { texture, scale: 1.0, invert: false, as_number: weights, mapping };
+        let mut light = Graph::Power(Arc::new(picture), gamma);
+        let constant = |v: f32| Arc::new(Graph::Constant(Vec3::splat(v)));
+        if scale != 1.0 {
+            light = Graph::Scale(Arc::new(light), constant(scale));
+        }
+        if invert {
+            light = Graph::Mix(constant(1.0), constant(0.0), Arc::new(light));
+        }
+        Ok(light)
     }
 
     /// A number of a material or shape that may be a texture. Fails where it is neither one number nor a texture that is there.
