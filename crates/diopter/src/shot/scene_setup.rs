@@ -315,6 +315,8 @@ pub(super) struct CameraPlacement {
     framed: Option<Framed>,
     /// Focal length of an ideal lens, mm.
     focal_mm: f64,
+    /// Whether that is the distance of the film which the angle of view of the scene's own camera asks for.
+    is_of_view: bool,
     /// That of the lens that is asked for, where the camera was placed by it.
     lens_mm: f64,
     own_f_number: Option<f64>,
@@ -407,9 +409,13 @@ pub(super) fn placement(
     let from_fov = |fov: f32| format::focal_length_for(film.height_mm, fov as f64);
     // The body's own lens, unless another lens or film is asked for.
     let own_lens = sensor.lens.filter(|_| is_ideal(c) && c.focal_length.is_none() && c.format.is_none());
+    let mut is_of_view = false;
     let (focal_mm, own_f_number) = match (c.focal_length, view.and_then(Viewpoint::vertical_fov), own_lens) {
         (Some(f), ..) => (f.0, None),
-        (None, Some(fov), _) if c.look_from.is_none() => (from_fov(fov), None),
+        (None, Some(fov), _) if c.look_from.is_none() => {
+            is_of_view = true;
+            (from_fov(fov), None)
+        }
         (None, _, Some(own)) => (own.focal_length_mm, Some(own.f_number)),
         (None, _, None) => (usual_focal_length(framing.map_or(50.0, |f| f.focal_length_mm), c, sensor), None),
     };
@@ -467,6 +473,7 @@ pub(super) fn placement(
         subject_m,
         framed,
         focal_mm,
+        is_of_view,
         lens_mm,
         own_f_number,
         calibrated: None,

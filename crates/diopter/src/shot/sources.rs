@@ -60,7 +60,7 @@ pub fn read_scene(name: &str, strict: bool) -> Result<Description, ShotError> {
         Some("pbrt") => load::pbrt::load(&bytes()?, name, &fetch)?,
         Some("ply") => load::mesh::ply(bytes()?, name)?,
         Some("spz") => load::splats::spz(bytes()?, name)?,
-        Some("obj") => load::mesh::obj(&bytes()?, name, &fetch)?,
+        Some("obj") => load::obj::obj(&bytes()?, name, &fetch)?,
         Some("stl") => load::mesh::stl(&bytes()?, name)?,
         Some("scene") => load::sheet::load(&bytes()?, name)?,
         Some("xml") => load::mitsuba::load(&bytes()?, name, &fetch)?,

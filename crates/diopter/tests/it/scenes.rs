@@ -125,6 +125,29 @@ fn a_realistic_camera_takes_the_picture_of_our_own_shot() {
 }
 
 #[test]
+fn a_files_angle_of_view_is_that_of_the_picture_however_near_its_camera_focuses() {
+    let folder = Folder::new("near");
+    // A square that is half as wide and half as high as the picture, in the plane of focus.
+    for (distance, radius) in [(0.2, 0.002), (0.5, 0.01), (20.0, 0.02)] {
+        let d = distance * 0.1;
+        let file = folder.write(
+            "near.pbrt",
+            &format!(
+                "LookAt 0 0 -{distance}  0 0 0  0 1 0\nCamera \"perspective\" \"float fov\" 22.61986 \"float lensradius\" {radius} \
+                 \"float focaldistance\" {distance}\nFilm \"rgb\" \"integer xresolution\" 40 \"integer yresolution\" 40\nWorldBegin \
+                 LightSource \"infinite\" Material \"diffuse\" Shape \"bilinearmesh\" \"point3 P\" [-{d} -{d} 0 {d} -{d} 0 -{d} {d} 0 {d} {d} 0]"
+            ),
+        );
+        let shot = shot(&format!("[scene]\nfile = \"{file}\"\n[render]\nspp = 1"));
+        let Lens::Thin(lens) = &shot.camera.lens else { panic!("a thin lens") };
+        assert!((lens.radius() / (1e3 * radius) - 1.0).abs() < 1e-6, "{} mm", lens.radius());
+        let plane = exposed(shot);
+        let seen = (0..40).flat_map(|y| (0..40).map(move |x| (x, y)));
+        assert_eq!(seen.filter(|(x, y)| plane.truth.id().pixel(*x, *y)[0] > 0).count(), 400, "{distance} m");
+    }
+}
+
+#[test]
 fn parallel_and_panoramic_cameras_see_what_they_should() {
     let folder = Folder::new("projections");
     let box_ = "Material \"diffuse\" Shape \"trianglemesh\" \"point3 P\" [-1 -1 9  1 -1 9  0 1 9]";

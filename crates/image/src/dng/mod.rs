@@ -246,6 +246,21 @@ mod tests {
     }
 
     #[test]
+    fn what_rows_have_more_of_black_is_missing_below_white() {
+        let dn = vec![2000u16; 8 * 4];
+        let levels = |black: f64| vec![white(vec![1.0, 1.0, 1.0]), (tag::BLACK_LEVEL, Field::Rationals(vec![black]))];
+        let level = |fields| {
+            let raw = read(Cursor::new(tiny([8, 4], 1, &shorts(&dn), fields))).unwrap();
+            let (h, dn) = (&raw.header, f64::from(raw.mosaic.data[0]));
+            (dn - h.black_level) / (h.white_level - h.black_level)
+        };
+        let plain = level(levels(200.0));
+        let delta = (tag::BLACK_DELTA[1], Field::Rationals(vec![100.0; 4]));
+        assert!((level([levels(100.0), vec![delta]].concat()) - plain).abs() < 1e-9);
+        assert!((plain - 1800.0 / 39_800.0).abs() < 1e-9, "{plain}");
+    }
+
+    #[test]
     fn linear_files_are_read_with_all_their_samples() {
         let dn: Vec<u16> = (0..6 * 4 * 3).map(|i| 500 * (i % 70) as u16).collect();
         let area = (tag::ACTIVE_AREA, Field::Longs(vec![1, 2, 4, 6]));

@@ -171,7 +171,11 @@ fn read_from(from: &mut dyn ReadSeek) -> Result<RawImage, ImageError> {
         header.bits = 16;
     }
     let mut mosaic = cropped(mosaic, area, storage.samples);
-    even_black(&mut file, &raw, &mut mosaic, &storage, [black, white])?;
+    let higher = even_black(&mut file, &raw, &mut mosaic, &storage, [black, white])?;
+    // Not where that would leave nothing.
+    if higher < 0.5 * (header.white_level - header.black_level) {
+        header.white_level -= higher;
+    }
     let size = [mosaic.width / storage.samples, mosaic.height];
     let mut crop = crop(&mut file, &raw, size)?;
     let second = opcodes(&mut file, &raw, 2, &storage, &mut warnings)?;

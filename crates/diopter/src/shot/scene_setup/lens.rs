@@ -222,7 +222,15 @@ pub(in crate::shot) fn camera(
         None if sharp => Lens::Pinhole(Pinhole::new(Millimeters(focal_mm), f_number)?),
         Some("pinhole") => Lens::Pinhole(Pinhole::new(Millimeters(focal_mm), f_number)?),
         None | Some("thin") => {
-            let thin = ThinLens::new(Millimeters(focal_mm), f_number, iris(c)?.unwrap_or_default(), focus)?;
+            // The angle of view of a file is that of the picture, wherever its camera is focused.
+            let focal = match focus {
+                Focus::Distance(Millimeters(s)) if placement.is_of_view => focal_mm * s / (focal_mm + s),
+                _ => focal_mm,
+            };
+            // So is the radius of its opening.
+            let is_opening_of_view = file.exposure.aperture.is_none() && of_view.is_some();
+            let f_number = if is_opening_of_view { f_number * focal / focal_mm } else { f_number };
+            let thin = ThinLens::new(Millimeters(focal), f_number, iris(c)?.unwrap_or_default(), focus)?;
             Lens::Thin(thin.tilted(tilt)?)
         }
         Some(name) => {

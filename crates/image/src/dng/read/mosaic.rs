@@ -137,14 +137,14 @@ pub(super) fn cropped(mosaic: Raster<u16>, [top, left, bottom, right]: [usize; 4
 }
 
 /// Black levels that differ by place or sample are brought to their mean: what a cell or a row or column has more is taken off its numbers.
-/// `levels`: black and white as the file has them.
+/// `levels`: black and white as the file has them. How much higher than the mean the highest black of a plane is, by which less than from the mean to white stands for all light (DNG 1.7, "Rescaling").
 pub(super) fn even_black<R: Read + Seek>(
     file: &mut File<R>,
     raw: &Directory,
     mosaic: &mut Raster<u16>,
     storage: &Storage,
     levels: [f64; 2],
-) -> Result<(), ImageError> {
+) -> Result<f64, ImageError> {
     let samples = storage.samples;
     let cells = file.numbers(raw, tag::BLACK_LEVEL)?;
     let repeat = file.numbers(raw, tag::BLACK_REPEAT)?;
@@ -155,7 +155,7 @@ pub(super) fn even_black<R: Read + Seek>(
     let [across, down] = [file.numbers(raw, tag::BLACK_DELTA[0])?, file.numbers(raw, tag::BLACK_DELTA[1])?];
     let differ = rows * columns * samples == cells.len() && cells.iter().any(|b| *b != levels[0]);
     if !differ && across.iter().chain(&down).all(|d| *d == 0.0) {
-        return Ok(());
+        return Ok(0.0);
     }
     // Floating-point samples have other levels by now.
     let unit = if storage.float { (MADE_LEVELS[1] - MADE_LEVELS[0]) / (levels[1] - levels[0]) } else { 1.0 };
@@ -172,7 +172,10 @@ pub(super) fn even_black<R: Read + Seek>(
             *dn = (f64::from(*dn) - more * unit).round().clamp(0.0, 65_535.0) as u16;
         }
     }
-    Ok(())
+    // Each sample of a linear file is a plane of its own.
+    let of_cells = if samples == 1 && differ { cells.iter().map(|b| b - levels[0]).fold(0.0, f64::max) } else { 0.0 };
+    let highest = |all: &[f64]| all.iter().copied().reduce(f64::max).unwrap_or(0.0);
+    Ok((of_cells + highest(&across) + highest(&down)) * unit)
 }
 
 /// What is to be shown of the active area (`size` pixels): left, top, width, height; `None` where all is.
