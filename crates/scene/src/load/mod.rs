@@ -14,6 +14,7 @@ pub mod obj;
 pub mod pbrt;
 mod picture;
 pub mod ply;
+mod polygon;
 pub mod sheet;
 pub mod splats;
 pub mod usd;

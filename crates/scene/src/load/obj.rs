@@ -3,6 +3,7 @@
 mod mtl;
 
 use super::mesh::{BYTE_ORDER_MARK, GREY, error};
+use super::polygon::triangulate;
 use super::{DisplacedSurface, Fetch, displaced, finished, lossy};
 use crate::SceneError;
 use crate::material::{Material, Scattering};
@@ -25,7 +26,7 @@ const FACES: &str = "an OBJ file with faces (f ...)";
 pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
     let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
     let bytes = &*joined_lines(bytes);
-    let options = tobj::LoadOptions { triangulate: true, single_index: true, ignore_points: true, ignore_lines: true };
+    let options = tobj::LoadOptions { triangulate: false, single_index: true, ignore_points: true, ignore_lines: true };
     let told =
         |(line, text, expected): (usize, String, &str)| error(format!("{name}: line {line}"), format!("\"{text}\""), expected);
     if let Some(bad) = Some(bytes).filter(|b| has_far_corners(b)).and_then(bad_line) {
@@ -38,7 +39,6 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
     });
     let (statements, asked) = material_names(bytes);
     let loaded = tobj::load_obj_buf(&mut Cursor::new(lossy(&statements)), &options, |p| (read.borrow_mut())(p));
-    drop(read);
     let (models, _) = loaded.map_err(|e| match bad_line(bytes).or_else(|| foreign_line(bytes)) {
         Some(bad) => told(bad),
         None => error(name.to_owned(), e.to_string(), "an OBJ file"),
@@ -68,9 +68,10 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
             uvs: [m.texcoords.chunks_exact(2).map(Vec2::from_slice).collect(), vec![]],
             // Codes of sRGB, as programs write them.
             colors: m.vertex_color.as_chunks::<3>().0.iter().map(|c| Vec3::from_array(c.map(srgb_decode)).extend(1.0)).collect(),
-            triangles: m.indices.as_chunks::<3>().0.to_vec(),
+            triangles: vec![],
             tangents: vec![],
         };
+        mesh.triangles = triangles(&m.indices, &m.face_arities, &mesh.positions);
         if mesh.drop_partial_lists() {
             d.warnings.push(format!("{name}: \"{}\": what only some of the corners have is left out", model.name));
         }
@@ -98,6 +99,20 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
         return Err(foreign.map_or_else(|| error(name.into(), "no surface: it has no faces", FACES), told));
     }
     finished(d, name, FACES)
+}
+
+/// Triangles of faces by their numbers of corners; all have three where none are told.
+fn triangles(indices: &[u32], corners: &[u32], positions: &[Vec3]) -> Vec<[u32; 3]> {
+    if corners.is_empty() {
+        return indices.as_chunks::<3>().0.to_vec();
+    }
+    let (mut out, mut left) = (Vec::with_capacity(indices.len()), indices);
+    for count in corners {
+        let (face, rest) = left.split_at(*count as usize);
+        triangulate(face, positions, &mut out);
+        left = rest;
+    }
+    out
 }
 
 /// Displaces meshes by the heights of their materials and puts them where their numbers say; all together, so that they do not crack where they meet.
@@ -453,6 +468,23 @@ mod tests {
         let Scattering::Diffuse(Color::Constant { rgb, .. }) = &material(&d, 0).scattering else { panic!("a colour") };
         let colors = &d.meshes[0].colors;
         assert!(*rgb == Vec3::ONE && (colors[0].truncate() - Vec3::new(0.214, 0.0, 1.0)).length() < 1e-3, "{rgb} {}", colors[0]);
+    }
+
+    #[test]
+    fn concave_faces_keep_their_notch() {
+        let d =
+            obj_of("v 0 0 0\nv 2 0 0\nv 2 2 0\nv 1 0.5 0\nv 0 2 0\nv 3 0 0\nv 4 0 0\nv 3 1 0\nf 1 2 3 4 5\nf 6 7 8\n", &|_| {
+                Err("no".into())
+            });
+        let mesh = &d.meshes[0];
+        let area = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|i| mesh.positions[i as usize]);
+            0.5 * (b - a).cross(c - a).z
+        };
+        assert_eq!(mesh.triangles.len(), 4);
+        // Four less the notch, and half.
+        let (all, positive) = mesh.triangles.iter().map(area).fold((0.0, true), |(sum, p), a| (sum + a, p && a > 0.0));
+        assert!((all - (4.0 - 1.5 + 0.5)).abs() < 1e-6 && positive, "{all}");
     }
 
     #[test]

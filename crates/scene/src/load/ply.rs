@@ -1,8 +1,9 @@
 //! PLY: polygons as text or numbers, little- or big-endian.
 //!
-//! Source: G. Turk 1994, "The PLY polygon file format". Properties of any type and order; faces of any number of corners (cut into fans);
+//! Source: G. Turk 1994, "The PLY polygon file format". Properties of any type and order; faces of any number of corners (concave ones where their vertices stand before them);
 //! triangle strips as the models of the Stanford 3D Scanning Repository have them.
 
+use super::polygon::triangulate;
 use crate::shape::Mesh;
 use glam::{Vec2, Vec3, Vec4};
 use rayon::prelude::*;
@@ -450,8 +451,10 @@ fn faces(body: &mut Body, element: &Element, mesh: &mut Mesh) -> Result<usize, P
                 corners.push(corner(body.number(property.kind)?)?);
             }
             skipped += usize::from(n < 3);
-            for k in 1..n.saturating_sub(1) {
-                mesh.triangles.push([corners[0], corners[k], corners[k + 1]]);
+            // Where faces stand before their vertices their shape is not known.
+            match corners.iter().all(|c| (*c as usize) < mesh.positions.len()) {
+                true => triangulate(&corners, &mesh.positions, &mut mesh.triangles),
+                false => mesh.triangles.extend((1..n.saturating_sub(1)).map(|k| [corners[0], corners[k], corners[k + 1]])),
             }
         }
     }
