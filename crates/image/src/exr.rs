@@ -239,7 +239,7 @@ fn description(attributes: &LayerAttributes) -> std::result::Result<Description,
     let Some(AttributeValue::Text(json)) = attributes.other.get(&Text::from(ATTRIBUTE)) else {
         return Err(ImageError::Missing {
             what: "the attribute \"diopter\"".into(),
-            hint: "only a focal plane that `diopter expose` wrote can be read out or merged".into(),
+            hint: "it is no focal plane of `diopter expose`; a picture of light is read out with --exposure TIME and --irradiance or --t-stop".into(),
         });
     };
     serde_json::from_str(&json.to_string()).map_err(|e| ImageError::Malformed { format: "focal plane", reason: e.to_string() })

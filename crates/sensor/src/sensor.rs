@@ -47,6 +47,11 @@ pub struct DarkCurrent {
 }
 
 impl DarkCurrent {
+    /// What to say to somebody who sets a temperature, if the sheet of a sensor of this name says nothing of dark current.
+    pub fn ignored_temperature(&self, name: &str) -> Option<String> {
+        self.points.is_empty().then(|| format!("the sheet of {name} has no dark current: its temperature changes nothing"))
+    }
+
     /// Current at a temperature, e⁻/s: between the points on a straight line of its logarithm.
     pub fn at(&self, celsius: f64) -> f64 {
         let (Some(first), Some(last)) = (self.points.first(), self.points.last()) else { return 0.0 };

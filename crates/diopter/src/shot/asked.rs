@@ -49,6 +49,11 @@ impl ShotRequest {
         if !(-273.15..=200.0).contains(&celsius) {
             return Err(value("temperature", format!("{celsius} °C"), "-273 to 200 °C"));
         }
+        if e.temperature_c.is_some()
+            && let Some(ignored) = sensor.dark_current.ignored_temperature(&sensor.name)
+        {
+            warn(&ignored);
+        }
         if let Some(FNumber(n)) = e.aperture
             && !FNumber::RANGE.contains(&n)
         {
