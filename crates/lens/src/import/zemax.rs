@@ -5,6 +5,7 @@
 //! | keyword | what is done |
 //! |---|---|
 //! | MODE, NAME, UNIT, ENPD, FNUM, OBNA, FLOA, YFLN, VCYN, WAVM, PWAV, GCAT | read |
+//! | WAVL (wavelengths of older files, in one line) | read where there is no WAVM |
 //! | FTYP | angles are read; heights and fields in x (XFLN) are left out, with a note |
 //! | TYPE STANDARD, EVENASPH, ODDASPHE, XASPHERE, TOROIDAL, BICONICX, PARAXIAL (its OPD mode is not), GRINSUR1 to GRINSUR3, QED_TYPE | read |
 //! | TYPE SZERNSAG, FZERNSAG (their Zernike decentre: error unless 0; terms go on beyond the normalisation radius), XPOLYNOM, FRESNELS | read |
@@ -53,7 +54,7 @@ const HARMLESS: &[&str] = &[
 const HARMLESS_HEAD: &[&str] = &[
     "VERS", "NOTE", "PFIL", "LANG", "ENVD", "GFAC", "RAIM", "PUSH", "SDMA", "ROPD", "PICB", "FWGN", "VDXN", "VDYN", "VCXN",
     "VANN", "POLS", "GLRS", "GSTD", "NSCD", "COFN", "COFP", "FCOM", "FTYP", "WWGT", "WWGN", "ZVDX", "ZVDY", "ZVCX", "ZVAN",
-    "ZVCY", "FWGT", "VCXN", "RSCE", "RWRE", "CMSG", "EFFL", "TOL", "MNUM", "MOFF", "WAVL", "WAVN", "SWCN", "PUPD", "PUPZ",
+    "ZVCY", "FWGT", "VCXN", "RSCE", "RWRE", "CMSG", "EFFL", "TOL", "MNUM", "MOFF", "WAVN", "SWCN", "PUPD", "PUPZ",
     "EYES", "GRPH", "TCMM", "TCED", "MCED", "MEID", "BLNK", "AUTH", "PSEQ", "NSCS", "IMAG", "ZCUS", "REAY", "EFLY", "LOPT",
     "ISNA",
 ];
@@ -188,6 +189,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     let mut vendors: Vec<String> = vec![];
     let mut skipped = Skipped::default();
     let mut waves: BTreeMap<usize, f64> = BTreeMap::new();
+    let mut waves_in_a_line: Vec<f64> = vec![];
     let (mut primary, mut field_kind, mut fields) = (1usize, 0.0, vec![]);
     let mut vignetting: Vec<f64> = vec![];
     let mut notes: Vec<String> = vec![];
@@ -246,6 +248,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 "WAVM" => {
                     waves.insert(value(0)? as usize, value(1)?);
                 }
+                "WAVL" => waves_in_a_line = (0..rest.len()).map(&value).collect::<Result<_, _>>()?,
                 "PWAV" => primary = value(0)? as usize,
                 "GCAT" => vendors = rest.iter().map(|v| v.to_lowercase()).collect(),
                 other if HARMLESS_HEAD.contains(&other) => {}
@@ -351,6 +354,9 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         p.usage.object_distance = Some(object.gap * scale);
     }
     let last = blocks.len() - 1;
+    if waves.is_empty() {
+        waves = (1..).zip(waves_in_a_line).collect();
+    }
     // Unused wavelengths are written as repeats of 0.55.
     let mut wavelengths: Vec<f64> = waves.values().map(|um| um * 1000.0).collect();
     while wavelengths.len() > primary.max(1) && wavelengths[wavelengths.len() - 1] == wavelengths[wavelengths.len() - 2] {

@@ -67,6 +67,30 @@ fn zemax_placeholders_are_no_glass_data() {
     assert!((index(&read(Format::Zemax, &lens("BK7 0 0 1.6 50 0 0 0"))) - 1.6).abs() < 1e-9);
 }
 
+/// A singlet of BK7 whose head has these lines instead of its wavelengths and entrance pupil.
+fn with_head(head: &str, object: &str, stop: &str) -> String {
+    let lens = format!(
+        "SURF 1\n STOP\n TYPE STANDARD\n CURV 0.01\n DISZ 5\n{stop} GLAS N-BK7 0 0 1.5 40\n DIAM 20 1\nSURF 2\n TYPE STANDARD\n CURV -0.01\n DISZ 187.4\n DIAM 20 1\n"
+    );
+    format!(
+        "MODE SEQ\nUNIT MM\n{head}\nSURF 0\n TYPE STANDARD\n DISZ {object}\n{lens}SURF 3\n TYPE STANDARD\n CURV 0\n DISZ 0\n"
+    )
+}
+
+#[test]
+fn wavelengths_of_older_zemax_files_are_read() {
+    let waves = |head: &str| {
+        let p = read(Format::Zemax, &with_head(&format!("ENPD 10\n{head}"), "INFINITY", ""));
+        let nm: Vec<f64> = p.usage.wavelengths_nm.iter().map(|nm| nm.round()).collect();
+        (nm, p.usage.reference)
+    };
+    assert_eq!(waves("WAVL 1.064\nPWAV 1"), (vec![1064.0], 0));
+    assert_eq!(waves("WAVL 0.4861 0.5876 0.6563\nWWGT 1 2 1\nPWAV 3"), (vec![486.0, 588.0, 656.0], 2));
+    // The newer record stands, wherever it is.
+    assert_eq!(waves("WAVM 1 0.55 1\nWAVL 0.4861 0.6563\nPWAV 1"), (vec![550.0], 0));
+    assert!(error(Format::Zemax, &with_head("ENPD 10\nWAVL 0.5 x", "INFINITY", "")).contains("WAVL x: expected a number"));
+}
+
 #[test]
 fn indices_beyond_what_is_known_are_noted() {
     let lens = |glass: &str| format!("RDM; EPD 5; WL 1550; SO 0 1e12; S 50 4 {glass}; STO; S -50 45; SI 0 0");
