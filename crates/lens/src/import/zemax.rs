@@ -4,6 +4,7 @@
 //!
 //! | keyword | what is done |
 //! |---|---|
+//! | FNUM x 1 (paraxial working f-number), OBNA x 1 (half angle of the cone, degrees) | the entrance pupil of that beam, for an object at a finite distance |
 //! | MODE, NAME, UNIT, ENPD, FNUM, OBNA, FLOA, YFLN, VCYN, WAVM, PWAV, GCAT | read |
 //! | WAVL (wavelengths of older files, in one line) | read where there is no WAVM |
 //! | FTYP | angles are read; heights and fields in x (XFLN) are left out, with a note |
@@ -191,6 +192,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     let mut waves: BTreeMap<usize, f64> = BTreeMap::new();
     let mut waves_in_a_line: Vec<f64> = vec![];
     let (mut primary, mut field_kind, mut fields) = (1usize, 0.0, vec![]);
+    // Whether FNUM is the working f-number.
+    let mut is_working = false;
     let mut vignetting: Vec<f64> = vec![];
     let mut notes: Vec<String> = vec![];
     let mut configurations = Configurations::default();
@@ -233,7 +236,17 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                     }
                 }
                 "ENPD" => p.usage.aperture = Some(ApertureKind::EntrancePupil(value(0)?)),
-                "FNUM" => p.usage.aperture = Some(ApertureKind::FNumber(value(0)?)),
+                "FNUM" => {
+                    p.usage.aperture = Some(ApertureKind::FNumber(value(0)?));
+                    is_working = rest.get(1) == Some(&"1");
+                }
+                "OBNA" if rest.get(1) == Some(&"1") => {
+                    let degrees = value(0)?;
+                    if !(degrees > 0.0 && degrees < 90.0) {
+                        return Err(wrong(format!("OBNA {degrees} 1: expected the half angle of the cone of light, above 0 and below 90 degrees")));
+                    }
+                    p.usage.aperture = Some(ApertureKind::ObjectNa(degrees.to_radians().sin()));
+                }
                 "OBNA" => p.usage.aperture = Some(ApertureKind::ObjectNa(value(0)?)),
                 // The stop's own size is the aperture.
                 "FLOA" => {}
@@ -453,6 +466,9 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         drop_dummies(&mut p);
     }
     p.clip_given_rims();
+    if let Some(ApertureKind::FNumber(n)) = p.usage.aperture.filter(|_| is_working) {
+        super::set_image_cone(&mut p, 0.5 / n, n);
+    }
     p.checked(file)
 }
 

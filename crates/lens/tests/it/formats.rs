@@ -5,6 +5,7 @@ use diopter_lens::batch::double::LANES;
 use diopter_lens::glass::D_NM;
 use diopter_lens::import::{self, Format};
 use diopter_lens::paraxial::FirstOrder;
+use diopter_lens::prescription::ApertureKind;
 use diopter_lens::ray::{Apertures, TraceDirection, TracedRay};
 use diopter_lens::surface::Profile;
 use diopter_lens::trace::at_plane;
@@ -92,12 +93,67 @@ fn wavelengths_of_older_zemax_files_are_read() {
 }
 
 #[test]
+fn apertures_at_finite_conjugates_are_those_of_the_beam_that_is_used() {
+    let pupil = |p: &Prescription| match p.usage.aperture {
+        Some(ApertureKind::EntrancePupil(d)) => d,
+        other => panic!("{other:?}"),
+    };
+    let zemax = |head: &str, object: &str| read(Format::Zemax, &with_head(head, object, ""));
+    let code_v = |aperture: &str, object: &str| {
+        let text = format!("RDM; {aperture}; DIM M; WL 587.56; SO 0 {object}; S 100 5 NBK7_SCHOTT; STO; CIR 20; S -100 187.4; CIR 20; SI; GO");
+        read(Format::CodeV, &text)
+    };
+    // y-nu trace by hand from an object 200 mm before a lens of R 100 and -100 mm, 5 mm thick, n 1.5168: a slope of 1 becomes -1.06663.
+    let expected = |tangent: f64| 2.0 * 200.0 * tangent / 1.06663;
+    for p in [zemax("FNUM 8 1", "200"), code_v("FNO 8", "200")] {
+        assert!((pupil(&p) - expected(1.0 / 16.0)).abs() < 0.005 && (pupil(&p) - 23.44).abs() < 0.01, "{}", pupil(&p));
+        // The beam that the bench lets through is that of this pupil.
+        assert!((p.used_f_number().unwrap() - efl(&p) / 23.44).abs() < 0.002, "{:?}", p.used_f_number());
+    }
+    let p = code_v("NA 0.0625", "200");
+    assert!((pupil(&p) - expected(0.0625f64.asin().tan())).abs() < 0.005, "{}", pupil(&p));
+    // In other units, too.
+    let p = read(Format::Zemax, &with_head("FNUM 8 1", "200", "").replace("UNIT MM", "UNIT CM"));
+    assert!((pupil(&p) - 234.38).abs() < 0.05, "{}", pupil(&p));
+    // The infinite-conjugate f-number, and a distant object: as it is written.
+    for p in [zemax("FNUM 8 0", "200"), zemax("FNUM 8 1", "INFINITY"), code_v("FNO 8", "1e13"), code_v("NA 0.0625", "1e13")] {
+        assert_eq!(p.usage.aperture, Some(ApertureKind::FNumber(8.0)));
+    }
+    // Half a cone of 0.2 degrees, 200 mm before the stop in the first surface.
+    let p = zemax("OBNA 0.2 1", "200");
+    assert!((efl(&p) / p.used_f_number().unwrap() - 1.3963).abs() < 1e-4, "{:?}", p.usage.aperture);
+    assert_eq!(zemax("OBNA 0.05 0", "200").usage.aperture, Some(ApertureKind::ObjectNa(0.05)));
+    let refused = |head: &str| error(Format::Zemax, &with_head(head, "200", ""));
+    assert!(refused("OBNA 95 1").contains("above 0 and below 90 degrees"));
+    assert!(refused("FNUM -8 1").contains("expected a positive number"));
+}
+
+#[test]
 fn indices_beyond_what_is_known_are_noted() {
     let lens = |glass: &str| format!("RDM; EPD 5; WL 1550; SO 0 1e12; S 50 4 {glass}; STO; S -50 45; SI 0 0");
     let p = read(Format::CodeV, &lens("1.49:57.4"));
     assert!(p.notes.iter().any(|n| n.contains("1550 nm is extrapolated")), "{:?}", p.notes);
     let p = read(Format::CodeV, &lens("NBK7_SCHOTT"));
     assert!(!p.notes.iter().any(|n| n.contains("extrapolated")), "{:?}", p.notes);
+}
+
+#[test]
+fn six_digits_are_a_glass_code_in_code_v() {
+    let lens = |glass: &str| format!("RDM; EPD 5; SO 0 1e12; S 50 4 {glass}; STO; S -50 45; SI 0 0");
+    for code in ["517642", "517.642"] {
+        let glass = read(Format::CodeV, &lens(code)).surfaces[0].glass.clone();
+        assert!((glass.index(D_NM) - 1.517).abs() < 1e-9 && (glass.abbe() - 64.2).abs() < 1e-6, "{code}: {glass:?}");
+    }
+    assert!(error(Format::CodeV, &lens("51764")).contains("51764"));
+}
+
+#[test]
+fn files_with_the_line_ends_of_old_macintoshes_are_read() {
+    for text in [with_head("ENPD 10\nWAVM 1 0.55 1", "INFINITY", ""), with_head("ENPD 10\r\nWAVM 1 0.55 1", "INFINITY", "")] {
+        let p = read(Format::Zemax, &text);
+        let old = read(Format::Zemax, &text.replace("\r\n", "\n").replace('\n', "\r"));
+        assert_eq!((p.surfaces, p.usage), (old.surfaces, old.usage));
+    }
 }
 
 #[test]

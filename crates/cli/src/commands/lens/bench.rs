@@ -8,9 +8,8 @@ use anyhow::anyhow;
 use diopter::lens::analysis::{self, VISUAL_NM};
 use diopter::lens::compound::{Configured, FilmPlace, configure, printed_focal_length};
 use diopter::lens::draw::Figure;
-use diopter::lens::glass::D_NM;
 use diopter::lens::paraxial::FirstOrder;
-use diopter::lens::prescription::{ApertureKind, WAVELENGTHS_NM};
+use diopter::lens::prescription::WAVELENGTHS_NM;
 use diopter::lens::{Focus, Prescription, State, System};
 use diopter::quantity::{Distance, FNumber, LengthMm};
 use diopter::shot::{ShotError, read_lens};
@@ -66,15 +65,7 @@ impl Table {
         for note in &prescription.notes {
             say(&format!("note: {note}"));
         }
-        let stated = match prescription.usage.aperture {
-            Some(ApertureKind::FNumber(n)) => Some(n),
-            Some(ApertureKind::EntrancePupil(d)) => {
-                let s = System::at(&prescription, State::default());
-                let efl = FirstOrder::of(&s, &s.indices(D_NM)).efl;
-                (efl / d > 0.1).then_some(efl / d)
-            }
-            _ => None,
-        };
+        let stated = prescription.used_f_number();
         let focus = asked.focus.map(|f| Focus::at_mm(f.0 * 1000.0));
         let film = focus.map_or(FilmPlace::AsPublished, FilmPlace::Focused);
         let aperture = asked.aperture.map(|a| a.0);
