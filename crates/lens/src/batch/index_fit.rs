@@ -45,7 +45,7 @@ mod tests {
     #[test]
     fn fits_hold_for_glasses_and_not_beside_a_resonance() {
         let mut fitted = 0;
-        for glass in entry_names().filter_map(|name| Glass::parse(&name).ok()) {
+        for glass in entry_names().into_iter().filter_map(|name| Glass::parse(&name).ok()) {
             fitted += usize::from(fit(&glass).is_some_and(|c| c.iter().all(|c| c.is_finite())));
         }
         // All but a few materials: optical glasses are smooth over what is seen.

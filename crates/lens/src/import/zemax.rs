@@ -16,13 +16,14 @@
 //! | other TYPE: BINARY_3, holograms, other gratings and gradient indices, user surfaces | error |
 //! | CURV, CONI, PARM, XDAT, DISZ, STOP, DIAM, CLAP | read |
 //! | SQAP, ELAP (instead of DIAM), OBSC, SQOB, ELOB, SPID, OBDC (their middle, also of CLAP) | read |
-//! | GLAS | the catalogue's glass; an alias with a note (glass/alias.rs); the line's nd and Vd where neither is known, but for the placeholder 1.5, 40 |
+//! | GLAS | the catalogue's glass; an alias with a note (glass/alias.rs); the line's nd and Vd where neither is known, and of plastics without a maker (PMMA, POLYCARB, POLYSTYR) where they are others, but for the placeholder 1.5, 40 |
 //! | GLAS MIRROR | a mirror; plane ones that fold the axis are unfolded |
 //! | SCBD (tilt of a surface of its own) | left out, with a note where it is not zero |
 //! | MNUM with THIC | gaps of configurations: zoom positions or a near focus (configurations.rs) |
 //! | CRVT, GLSS, ... (`OPERANDS`) of configurations | the current one stands; with a note |
+//! | COAT AR, MGF2; HEAR1, HEAR2 | a quarter wave of MgF₂; the broadband recipe (the layers stand in another file), with a note; those of mirrors and of other names: left out, with a note |
 //! | curved image surface | taken for plane, with a note |
-//! | coatings, solves, pickups, tolerances, drawing, weights, ray aiming (`HARMLESS`, `HARMLESS_HEAD`) | ignored: rays do not change |
+//! | solves, pickups, tolerances, drawing, weights, ray aiming (`HARMLESS`, `HARMLESS_HEAD`) | ignored: rays do not change |
 //! | all others | skipped, named in a note |
 
 use super::configurations::{Configurations, MOST as MOST_CONFIGURATIONS};
@@ -31,6 +32,7 @@ use super::placed::Placed;
 use super::{Skipped, drop_dummies, stem};
 use crate::analysis::zernike::Numbering;
 use crate::aperture::{Aperture, MOST_ARMS, Outline};
+use crate::coating::{Coating, DESIGN_NM, Recipe};
 use crate::diffractive::Diffractive;
 use crate::forbes::{Forbes, ForbesKind};
 use crate::freeform::Freeform;
@@ -45,9 +47,12 @@ use std::collections::BTreeMap;
 /// What Zemax writes as nd and Vd of a glass that it takes from a catalogue.
 const PLACEHOLDER: (f64, f64) = (1.5, 40.0);
 
+/// Plastics of no maker: what the catalogue has of them are measurements of one sample.
+const PLASTICS: [&str; 3] = ["PMMA", "POLYCARB", "POLYSTYR"];
+
 /// Keywords of surfaces that do not change its shape, place or medium.
 const HARMLESS: &[&str] = &[
-    "COMM", "HIDE", "MIRR", "SLAB", "POPS", "COAT", "PZUP", "MAZH", "FLAP", "BLNK", "MEMA", "PPAR", "VPAR", "PKUP", "PARP",
+    "COMM", "HIDE", "MIRR", "SLAB", "POPS", "PZUP", "MAZH", "FLAP", "BLNK", "MEMA", "PPAR", "VPAR", "PKUP", "PARP",
     "DIAP", "GLCZ", "OPDX", "USAP", "UDAP", "FIMP", "TOL", "TOLE", "NOTE", "SDRW", "HLGT", "CONF", "MOFF", "REAY", "EFLY",
     "EFFL", "WRSG", "CLRF", "SSAM", "ELDX", "PICB", "BORD", "FACE", "CONI",
 ];
@@ -79,6 +84,7 @@ struct Block {
     glass: Option<Glass>,
     mirror: bool,
     stop: bool,
+    coating: Option<String>,
     semi_diameter: Option<f64>,
     obstruction: f64,
     clear: Option<f64>,
@@ -280,6 +286,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 block.fixed = rest.get(1) == Some(&"1");
             }
             "STOP" => block.stop = true,
+            "COAT" => block.coating = rest.first().map(|name| name.to_uppercase()).filter(|name| !["NULL", "NONE"].contains(&name.as_str())),
             "PARM" => {
                 block.parameters.insert(value(0)? as u32, value(1)?);
             }
@@ -432,6 +439,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 gradient: b.gradient(scale).map_err(wrong)?,
                 ideal_focal_length: b.ideal_focal_length().map(|f| f * scale),
                 diffractive: b.diffractive(scale).map_err(wrong)?,
+                coating: b.coating.as_deref().filter(|_| !b.mirror).and_then(coating),
                 ..Surface::new(shape, b.gap * scale, medium)
             };
             rows.push(Placed { surface, frame: here, rim: b.mirror && (b.clear.is_some() || b.fixed) });
@@ -450,6 +458,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         p.surfaces = rows.into_iter().map(|r| r.surface).collect();
         configurations.apply(&mut p);
     }
+    note_coatings(&blocks, &mut notes);
     if blocks[last].curvature != 0.0 {
         notes.push("the image surface is curved in the file; the film is flat".into());
     }
@@ -470,6 +479,33 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         super::set_image_cone(&mut p, 0.5 / n, n);
     }
     p.checked(file)
+}
+
+/// What stands for a coating by its name in Zemax's own file of coatings, upper case.
+fn coating(name: &str) -> Option<Coating> {
+    match name {
+        "AR" | "MGF2" => Some(Coating::MagnesiumFluoride),
+        "HEAR1" | "HEAR2" => Some(Coating::Recipe(Recipe::ThreeLayer, DESIGN_NM)),
+        _ => None,
+    }
+}
+
+/// Says what the coatings of a file are taken for, and which are left out.
+fn note_coatings(blocks: &[Block], notes: &mut Vec<String>) {
+    let mut left_out: Vec<String> = vec![];
+    for b in blocks {
+        let Some(name) = &b.coating else { continue };
+        let found = coating(name).filter(|_| !b.mirror);
+        let note = found.map(|found| format!("coating {name} is taken for {}", found.describe()));
+        let list = if note.is_some() { &mut *notes } else { &mut left_out };
+        let entry = note.unwrap_or_else(|| if b.mirror { format!("{name} of a mirror") } else { name.clone() });
+        if !list.contains(&entry) {
+            list.push(entry);
+        }
+    }
+    if !left_out.is_empty() {
+        notes.push(format!("coatings whose layers are not in the file are left out: {}", left_out.join(", ")));
+    }
 }
 
 /// The coordinate system after a break, seen from the one before it: decentre, then tilts about x, y and z; with the order flag tilts
@@ -506,6 +542,14 @@ fn glass(rest: &[&str], vendors: &[&str], notes: &mut Vec<String>) -> Result<Gla
             let (n_found, v_found) = (found.index(D_NM), found.abbe());
             let differs = stated && ((n_found - nd).abs() > 1e-3 || (v_found - vd).abs() > 0.5);
             match note {
+                // Sold by many makers under one name: the file's figures are those of its own.
+                None if differs && PLASTICS.contains(&found.name.as_str()) => {
+                    notes.push(format!(
+                        "glass \"{name}\": the file's nd {nd}, Vd {vd} are used; those of {} are {n_found:.5}, {v_found:.2}",
+                        found.written()
+                    ));
+                    return figures();
+                }
                 // Another glass of that name, then.
                 Some(_) if differs => {
                     notes.push(format!("glass \"{name}\" is in no catalogue: the file's nd {nd}, Vd {vd} are used"));

@@ -29,7 +29,7 @@ use crate::analysis::{Bench, VISUAL_NM};
 use crate::compound::{Configured, FilmPlace, configure};
 use crate::glass::GlassError;
 use crate::prescription::{Prescription, PrescriptionError};
-use crate::system::{State, System};
+use crate::system::System;
 use assess::Assessment;
 use parameter::{movable, perturbed};
 

@@ -2,6 +2,7 @@
 
 use crate::packets::traced_alike;
 use diopter_lens::batch::double::LANES;
+use diopter_lens::coating::{Coating, DESIGN_NM, Recipe};
 use diopter_lens::glass::D_NM;
 use diopter_lens::import::{self, Format};
 use diopter_lens::paraxial::FirstOrder;
@@ -126,6 +127,42 @@ fn apertures_at_finite_conjugates_are_those_of_the_beam_that_is_used() {
     let refused = |head: &str| error(Format::Zemax, &with_head(head, "200", ""));
     assert!(refused("OBNA 95 1").contains("above 0 and below 90 degrees"));
     assert!(refused("FNUM -8 1").contains("expected a positive number"));
+}
+
+#[test]
+fn plastics_of_a_zemax_file_have_its_own_figures() {
+    let glass = |line: &str| {
+        let p = read(Format::Zemax, &with_head("ENPD 10", "INFINITY", "").replace("N-BK7 0 0 1.5 40", line));
+        (p.surfaces[0].glass.clone(), p.notes)
+    };
+    for (name, nd, vd) in [("PMMA", 1.491756, 57.44), ("POLYCARB", 1.58547, 29.91), ("POLYCARB", 1.6, 29.91), ("ACRYLIC", 1.491668, 55.31)] {
+        let (found, notes) = glass(&format!("{name} 0 0 {nd} {vd} 0 0 0"));
+        assert!((found.index(D_NM) - nd).abs() < 1e-3 && (found.abbe() - vd).abs() < 0.5, "{name}: {found:?} {notes:?}");
+        let own = (found.index(D_NM) - nd).abs() < 1e-9;
+        assert_eq!(own, notes.iter().any(|n| n.contains(&format!("the file's nd {nd}, Vd {vd} are used"))), "{name}: {notes:?}");
+    }
+    // A maker's glass keeps its own, beside the placeholder a plastic too.
+    let (found, notes) = glass("N-BK7 0 0 1.6 50 0");
+    assert!((found.index(D_NM) - 1.5168).abs() < 1e-5 && notes.iter().any(|n| n.contains("the catalogue's")), "{notes:?}");
+    assert!((glass("PMMA 0 0 1.5 40 0").0.index(D_NM) - 1.491).abs() < 2e-3);
+}
+
+#[test]
+fn coatings_of_a_zemax_file_are_read_by_their_names() {
+    let lens = |first: &str, second: &str| {
+        let text = with_head("ENPD 10", "INFINITY", &format!(" COAT {first}\n"));
+        read(Format::Zemax, &text.replace(" CURV -0.01\n", &format!(" CURV -0.01\n COAT {second}\n")))
+    };
+    let p = lens("AR", "HEAR1");
+    assert_eq!(p.surfaces[0].coating, Some(Coating::MagnesiumFluoride));
+    assert_eq!(p.surfaces[1].coating, Some(Coating::Recipe(Recipe::ThreeLayer, DESIGN_NM)));
+    for taken in ["coating AR is taken for a quarter wave of MgF2", "coating HEAR1 is taken for"] {
+        assert_eq!(p.notes.iter().filter(|n| n.contains(taken)).count(), 1, "{:?}", p.notes);
+    }
+    let p = lens("EO_99", "EO_99");
+    assert!(p.surfaces.iter().all(|s| s.coating.is_none()));
+    assert!(p.notes.iter().any(|n| n.ends_with("are left out: EO_99")), "{:?}", p.notes);
+    assert!(!lens("NULL", "").notes.iter().any(|n| n.contains("coating")));
 }
 
 #[test]
