@@ -1,6 +1,8 @@
 //! CODE V sequence files (.seq): the commands that [`crate::import`] reads. Curvatures, not radii (RDM N), so that no digit is lost.
 
-use super::{Only, Opening, Sheet, Stance, apertures, ascii, model_figures, only, replaces_rim, same_index, terms, unknown_profile};
+use super::{
+    Only, Opening, Sheet, Stance, apertures, ascii, model_figures, only, replaces_rim, same_index, terms, unknown_profile,
+};
 use crate::aperture::Outline;
 use crate::diffractive::Diffractive;
 use crate::glass::{C_NM, D_NM, F_NM, G_NM, Glass, GlassKind, parse_foreign};

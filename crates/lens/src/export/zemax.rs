@@ -3,7 +3,9 @@
 //! Decentred and tilted surfaces stand between two coordinate breaks, the second of which undoes the first. Every rim is a circular
 //! aperture (CLAP), since DIAM alone stops no light in that program.
 
-use super::{Only, Opening, Sheet, Stance, apertures, ascii, model_figures, only, replaces_rim, same_index, terms, unknown_profile};
+use super::{
+    Only, Opening, Sheet, Stance, apertures, ascii, model_figures, only, replaces_rim, same_index, terms, unknown_profile,
+};
 use crate::aperture::Outline;
 use crate::diffractive::Diffractive;
 use crate::glass::{Glass, GlassKind, parse_foreign};

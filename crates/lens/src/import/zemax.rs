@@ -52,17 +52,16 @@ const PLASTICS: [&str; 3] = ["PMMA", "POLYCARB", "POLYSTYR"];
 
 /// Keywords of surfaces that do not change its shape, place or medium.
 const HARMLESS: &[&str] = &[
-    "COMM", "HIDE", "MIRR", "SLAB", "POPS", "PZUP", "MAZH", "FLAP", "BLNK", "MEMA", "PPAR", "VPAR", "PKUP", "PARP",
-    "DIAP", "GLCZ", "OPDX", "USAP", "UDAP", "FIMP", "TOL", "TOLE", "NOTE", "SDRW", "HLGT", "CONF", "MOFF", "REAY", "EFLY",
-    "EFFL", "WRSG", "CLRF", "SSAM", "ELDX", "PICB", "BORD", "FACE", "CONI",
+    "COMM", "HIDE", "MIRR", "SLAB", "POPS", "PZUP", "MAZH", "FLAP", "BLNK", "MEMA", "PPAR", "VPAR", "PKUP", "PARP", "DIAP",
+    "GLCZ", "OPDX", "USAP", "UDAP", "FIMP", "TOL", "TOLE", "NOTE", "SDRW", "HLGT", "CONF", "MOFF", "REAY", "EFLY", "EFFL",
+    "WRSG", "CLRF", "SSAM", "ELDX", "PICB", "BORD", "FACE", "CONI",
 ];
 /// Keywords of the head that do not change the lens.
 const HARMLESS_HEAD: &[&str] = &[
     "VERS", "NOTE", "PFIL", "LANG", "ENVD", "GFAC", "RAIM", "PUSH", "SDMA", "ROPD", "PICB", "FWGN", "VDXN", "VDYN", "VCXN",
     "VANN", "POLS", "GLRS", "GSTD", "NSCD", "COFN", "COFP", "FCOM", "FTYP", "WWGT", "WWGN", "ZVDX", "ZVDY", "ZVCX", "ZVAN",
-    "ZVCY", "FWGT", "VCXN", "RSCE", "RWRE", "CMSG", "EFFL", "TOL", "MNUM", "MOFF", "WAVN", "SWCN", "PUPD", "PUPZ",
-    "EYES", "GRPH", "TCMM", "TCED", "MCED", "MEID", "BLNK", "AUTH", "PSEQ", "NSCS", "IMAG", "ZCUS", "REAY", "EFLY", "LOPT",
-    "ISNA",
+    "ZVCY", "FWGT", "VCXN", "RSCE", "RWRE", "CMSG", "EFFL", "TOL", "MNUM", "MOFF", "WAVN", "SWCN", "PUPD", "PUPZ", "EYES",
+    "GRPH", "TCMM", "TCED", "MCED", "MEID", "BLNK", "AUTH", "PSEQ", "NSCS", "IMAG", "ZCUS", "REAY", "EFLY", "LOPT", "ISNA",
 ];
 
 /// Operands of configurations other than THIC.
@@ -249,7 +248,9 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 "OBNA" if rest.get(1) == Some(&"1") => {
                     let degrees = value(0)?;
                     if !(degrees > 0.0 && degrees < 90.0) {
-                        return Err(wrong(format!("OBNA {degrees} 1: expected the half angle of the cone of light, above 0 and below 90 degrees")));
+                        return Err(wrong(format!(
+                            "OBNA {degrees} 1: expected the half angle of the cone of light, above 0 and below 90 degrees"
+                        )));
                     }
                     p.usage.aperture = Some(ApertureKind::ObjectNa(degrees.to_radians().sin()));
                 }
@@ -286,7 +287,10 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 block.fixed = rest.get(1) == Some(&"1");
             }
             "STOP" => block.stop = true,
-            "COAT" => block.coating = rest.first().map(|name| name.to_uppercase()).filter(|name| !["NULL", "NONE"].contains(&name.as_str())),
+            "COAT" => {
+                block.coating =
+                    rest.first().map(|name| name.to_uppercase()).filter(|name| !["NULL", "NONE"].contains(&name.as_str()))
+            }
             "PARM" => {
                 block.parameters.insert(value(0)? as u32, value(1)?);
             }

@@ -74,9 +74,7 @@ fn with_head(head: &str, object: &str, stop: &str) -> String {
     let lens = format!(
         "SURF 1\n STOP\n TYPE STANDARD\n CURV 0.01\n DISZ 5\n{stop} GLAS N-BK7 0 0 1.5 40\n DIAM 20 1\nSURF 2\n TYPE STANDARD\n CURV -0.01\n DISZ 187.4\n DIAM 20 1\n"
     );
-    format!(
-        "MODE SEQ\nUNIT MM\n{head}\nSURF 0\n TYPE STANDARD\n DISZ {object}\n{lens}SURF 3\n TYPE STANDARD\n CURV 0\n DISZ 0\n"
-    )
+    format!("MODE SEQ\nUNIT MM\n{head}\nSURF 0\n TYPE STANDARD\n DISZ {object}\n{lens}SURF 3\n TYPE STANDARD\n CURV 0\n DISZ 0\n")
 }
 
 #[test]
@@ -101,7 +99,9 @@ fn apertures_at_finite_conjugates_are_those_of_the_beam_that_is_used() {
     };
     let zemax = |head: &str, object: &str| read(Format::Zemax, &with_head(head, object, ""));
     let code_v = |aperture: &str, object: &str| {
-        let text = format!("RDM; {aperture}; DIM M; WL 587.56; SO 0 {object}; S 100 5 NBK7_SCHOTT; STO; CIR 20; S -100 187.4; CIR 20; SI; GO");
+        let text = format!(
+            "RDM; {aperture}; DIM M; WL 587.56; SO 0 {object}; S 100 5 NBK7_SCHOTT; STO; CIR 20; S -100 187.4; CIR 20; SI; GO"
+        );
         read(Format::CodeV, &text)
     };
     // y-nu trace by hand from an object 200 mm before a lens of R 100 and -100 mm, 5 mm thick, n 1.5168: a slope of 1 becomes -1.06663.
@@ -135,7 +135,9 @@ fn plastics_of_a_zemax_file_have_its_own_figures() {
         let p = read(Format::Zemax, &with_head("ENPD 10", "INFINITY", "").replace("N-BK7 0 0 1.5 40", line));
         (p.surfaces[0].glass.clone(), p.notes)
     };
-    for (name, nd, vd) in [("PMMA", 1.491756, 57.44), ("POLYCARB", 1.58547, 29.91), ("POLYCARB", 1.6, 29.91), ("ACRYLIC", 1.491668, 55.31)] {
+    for (name, nd, vd) in
+        [("PMMA", 1.491756, 57.44), ("POLYCARB", 1.58547, 29.91), ("POLYCARB", 1.6, 29.91), ("ACRYLIC", 1.491668, 55.31)]
+    {
         let (found, notes) = glass(&format!("{name} 0 0 {nd} {vd} 0 0 0"));
         assert!((found.index(D_NM) - nd).abs() < 1e-3 && (found.abbe() - vd).abs() < 0.5, "{name}: {found:?} {notes:?}");
         let own = (found.index(D_NM) - nd).abs() < 1e-9;

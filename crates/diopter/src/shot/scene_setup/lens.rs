@@ -381,7 +381,9 @@ pub(super) fn warn_of_dark_corners(name: &str, lens: &CompoundLens, film: &Film,
     }
     if let Some(glass) = lens.system().dark_glass() {
         let glass = glass.written();
-        warn(&format!("{name} lights nothing: its glass {glass} has no index in visible light (400 to 700 nm), which ends in it"));
+        warn(&format!(
+            "{name} lights nothing: its glass {glass} has no index in visible light (400 to 700 nm), which ends in it"
+        ));
         return;
     }
     let remedy = format::FORMATS
