@@ -135,17 +135,22 @@ impl Table {
         analysis::Bench { system: &self.set.system, object_distance: self.object_distance }
     }
 
+    /// Name, focal length and f-number at the reference wavelength, the object's distance, and what is shown.
     pub(super) fn title(&self, what: &str) -> String {
         let object = match self.object_distance {
             None => String::new(),
             Some(d) => format!(", object at {:.2} m", d / 1000.0),
         };
-        format!("{}   {:.4} mm f/{:.2}{object}   {what}", self.prescription.name, self.set.efl, self.set.f_number)
+        let efl = self.set.efl * self.dispersion_of_focal_length();
+        format!("{}   {efl:.4} mm f/{:.2}{object}   {what}", self.prescription.name, self.f_number())
             .replacen(".0000 mm", " mm", 1)
     }
 
-    /// Focal length at the reference wavelength over that at the d line, focused at infinity: f-numbers go with it.
+    /// Focal length at the reference wavelength over that at the d line, focused at infinity: f-numbers go with it. 1 of openings alone.
     pub(super) fn dispersion_of_focal_length(&self) -> f64 {
+        if self.prescription.is_openings_alone() {
+            return 1.0;
+        }
         let far = System::at(&self.prescription, State { focus: 0.0, ..self.set.state });
         FirstOrder::of(&far, &far.indices(self.reference)).efl / self.set.efl
     }
