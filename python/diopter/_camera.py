@@ -72,7 +72,7 @@ class Distortion(NamedTuple):
 
     field_deg: Float64
     height_mm: Float64
-    #: Without distortion: f tan θ.
+    #: Without distortion: f tan θ, carried along the chief ray from the paraxial focus to the film.
     ideal_height_mm: Float64
     distortion_percent: Float64
     #: Where tangential and sagittal rays are sharp, mm behind the film.

@@ -119,6 +119,8 @@ pub enum BlockedBy {
     Missed,
     /// Total internal reflection, or an order that a diffractive surface does not send out.
     TotalReflection,
+    /// The glass before or behind the surface has no index at this wavelength: it absorbs the light.
+    Opaque,
 }
 
 impl std::fmt::Display for BlockedBy {
@@ -128,6 +130,7 @@ impl std::fmt::Display for BlockedBy {
             BlockedBy::Clipped => "it went outside the clear aperture or the stop",
             BlockedBy::Missed => "it missed the surface",
             BlockedBy::TotalReflection => "the surface let no light of it through (total reflection)",
+            BlockedBy::Opaque => "a glass beside the surface has no index at this wavelength",
         })
     }
 }

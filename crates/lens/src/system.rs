@@ -248,6 +248,11 @@ impl System {
         self.indices(begins.fold(REFERENCE_NM, f64::max))
     }
 
+    /// The first glass without an index at 400, 410, ... 700 nm, in which all visible light ends (germanium).
+    pub fn dark_glass(&self) -> Option<&Glass> {
+        self.glasses.iter().find(|g| (40..=70).all(|i| !g.index(f64::from(10 * i)).is_finite()))
+    }
+
     /// Whether any surface carries a phase.
     pub fn has_diffractive(&self) -> bool {
         self.surfaces.iter().any(|s| s.diffractive.is_some())

@@ -29,8 +29,8 @@ pub struct Event {
 impl System {
     /// Follows a ray through all surfaces. `n` holds the index of each gap at the ray's wavelength
     /// ([`System::indices`]). `visit` is told every surface passed, in the order in which the light (or its reverse) meets
-    /// them. `Err` where the ray misses a surface, meets a rim, obstruction or iris that `apertures` counts, or is totally
-    /// reflected.
+    /// them. `Err` where the ray misses a surface, meets a rim, obstruction or iris that `apertures` counts, is totally
+    /// reflected, or comes to a glass that has no index at its wavelength.
     pub fn trace_with(
         &self,
         ray: TracedRay,
@@ -86,6 +86,9 @@ impl System {
                 Some(_) => self.index_at(gap, n[gap], surface.to_lens(m.point, local_d).0),
             };
             let (n0, n1) = (at(before), at(after));
+            if !(n0.is_finite() && n1.is_finite()) {
+                return Err(blocked(BlockedBy::Opaque));
+            }
             let facing = local_d.dot(m.normal);
             let normal = if facing < 0.0 { -m.normal } else { m.normal };
             let cos0 = facing.abs();

@@ -386,7 +386,7 @@ impl Bench {
         Ok((PyArray1::from_vec(py, mtf.tangential), PyArray1::from_vec(py, mtf.sagittal), mtf.geometric))
     }
 
-    /// A row a field: angle (°), height, height without distortion (f tan θ), distortion (%), tangential and sagittal focus (mm); NaN where no light
+    /// A row a field: angle (°), height, height without distortion (f tan θ, carried along the chief ray from the paraxial focus to the film), distortion (%), tangential and sagittal focus (mm); NaN where no light
     /// reaches the film.
     fn distortion<'py>(&self, py: Python<'py>, fields_deg: Vec<f64>, nm: f64) -> PyResult<Bound<'py, PyArray2<f64>>> {
         self.check_nm(nm)?;

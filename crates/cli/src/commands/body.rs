@@ -131,7 +131,9 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
     }
     writeln!(t, "  converter     {} bit", s.adc_bits)?;
     if s.prnu > 0.0 || s.dsnu_e > 0.0 {
-        writeln!(t, "  non-uniform   PRNU {}, DSNU {} e-", percent(s.prnu), s.dsnu_e)?;
+        // As the sheet says it; the division by 100 leaves a rounding error.
+        let prnu = (s.prnu * 1e8).round() / 1e6;
+        writeln!(t, "  non-uniform   PRNU {prnu} %, DSNU {} e-", s.dsnu_e)?;
     }
     if dark > 0.0 {
         writeln!(t, "  dark current  {dark:.4} e-/s at {:.0} °C, {:.4} at 35 °C", s.temperature_c, s.dark_current.at(35.0))?;

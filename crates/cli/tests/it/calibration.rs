@@ -42,6 +42,22 @@ fn a_lens_is_calibrated_and_photographed_with() {
         let (code, message) = f.fails(args);
         assert!(code == 2 && message.contains(says), "{args:?}: {code} {message}");
     }
+    // What one format cannot say is said before any file is written.
+    let two = [
+        "lens",
+        "calibrate",
+        "double-gauss-50mm",
+        "--size",
+        "48x32",
+        "--model",
+        "f-theta",
+        "-o",
+        "first.json",
+        "-o",
+        "camchain.yaml",
+    ];
+    let (code, message) = f.fails(&two);
+    assert!(code == 2 && !f.path("first.json").exists(), "{message}");
 }
 
 #[test]

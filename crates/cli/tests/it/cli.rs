@@ -576,6 +576,14 @@ fn lists_and_sheets_are_printed() {
     assert!(text(&["body", "list"]).contains("Nikon D850"));
     let sheet: serde_json::Value = serde_json::from_str(&text(&["body", "info", "canon-5d-mark-ii", "--json"])).unwrap();
     assert_eq!(sheet["pixels"], serde_json::json!([5616, 3744]));
+    assert!(text(&["body", "info", "canon-5d-mark-ii"]).contains("PRNU 0.35 %"));
+    // Heights that percentages are of; the title's focal length is at the wavelength that is asked for.
+    let blue = text(&["lens", "distortion", "triplet-50mm-f4", "--wavelength", "435.8"]);
+    let told: serde_json::Value =
+        serde_json::from_str(&text(&["lens", "info", "triplet-50mm-f4", "--wavelength", "435.8", "--json"])).unwrap();
+    let title =
+        format!("{:.4} mm f/{:.2} ", told["effective_focal_length_mm"].as_f64().unwrap(), told["f_number"].as_f64().unwrap());
+    assert!(blue.contains("ideal mm") && blue.contains(&title), "{title}{blue}");
     assert!(text(&["completions", "bash"]).contains("diopter"));
     assert!(text(&["man"]).contains(".TH"));
     assert!(text(&["man", "lens", "draw"]).contains("lens draw"));

@@ -94,3 +94,54 @@ pub(crate) fn agreement(
     }
     through
 }
+
+#[cfg(test)]
+mod tests {
+    use super::single::{Batch, Indices, LANES, Packet};
+    use super::*;
+    use crate::compound::{CompoundLens, Setting};
+    use crate::prescription::{Prescription, Surface};
+    use crate::ray::Apertures;
+    use crate::system::State;
+    use crate::{BlockedBy, Focus};
+
+    #[test]
+    fn light_without_an_index_is_stopped_and_the_rest_passes() {
+        // ZnSe has a resonance at 391 nm: no index from 380 nm to about 398 nm.
+        let surface = |c: f64, gap: f64, glass: Glass| Surface {
+            semi_diameter: Some(10.0),
+            ..Surface::new(Profile::Sphere(c), gap, glass)
+        };
+        let first = Surface { stop: true, ..surface(0.01, 3.0, Glass::parse("ZnSe").unwrap()) };
+        let p = Prescription::new("znse", vec![first, surface(-0.002, 50.5, Glass::air())]).checked("znse").unwrap();
+        let system = System::at(&p, State::default());
+        assert_eq!(system.dark_glass(), None);
+        let batch = Batch::new(&system);
+        let nm: single::Lanes = std::array::from_fn(|i| 380.0 + 6.0 * i as f32);
+        let mut n = Indices::default();
+        batch.indices(&nm, &mut n);
+        let ray = TracedRay { position: DVec3::new(0.0, 3.0, -5.0), direction: DVec3::Z };
+        let mut packet = Packet::default();
+        (0..LANES).for_each(|i| packet.set(i, ray.position.as_vec3().to_array(), [0.0, 0.0, 1.0]));
+        let mask = batch.trace_light(&mut packet, &n, &nm, TraceDirection::ToFilm);
+        for (i, nm) in nm.into_iter().enumerate() {
+            let plain = system.trace(ray, &system.indices(f64::from(nm)), TraceDirection::ToFilm, Apertures::Clip);
+            assert_eq!(plain.is_ok(), mask >> i & 1 == 1, "{nm} nm");
+            assert_eq!(plain.is_ok(), nm > 399.0, "{nm} nm");
+            match plain {
+                Ok(end) => assert!((end.position.y - f64::from(packet.y[i])).abs() < 1e-5, "{nm} nm"),
+                Err(blocked) => assert_eq!(blocked.why, BlockedBy::Opaque),
+            }
+        }
+        // The camera finds its pupil.
+        let setting = Setting { focal_length: None, f_number: None, focus: Focus::Infinity, iris: None, film_mm: [12.0, 8.0] };
+        let lens = CompoundLens::new(Arc::new(p), &setting).unwrap();
+        assert!(lens.t_number() > lens.f_number() && lens.t_number() < 2.0 * lens.f_number(), "T {}", lens.t_number());
+        assert_eq!(lens.image_circle_radius(glam::DVec2::X, 7.0), 7.0);
+        // Germanium is opaque to all that is seen.
+        let first = Surface { stop: true, ..surface(0.01, 3.0, Glass::parse("GERMANIUM").unwrap()) };
+        let p = Prescription::new("ge", vec![first, surface(0.005, 50.5, Glass::air())]).checked("ge").unwrap();
+        let dark = System::at(&p, State::default()).dark_glass().map(|g| g.written());
+        assert_eq!(dark.as_deref(), Some("material/GERMANIUM"));
+    }
+}

@@ -171,10 +171,12 @@ macro_rules! prepared {
             steps: Vec<Step>,
             /// `runs` of the system.
             runs: Vec<$float>,
-            /// Fit of the glass in each gap; `None` for air.
+            /// Fit of the glass in each gap; `None` for air, and for what is in `unfitted`.
             glasses: Vec<Option<[$float; TERMS]>>,
             /// What the fits are of: beyond their range it is asked itself.
             media: Vec<Glass>,
+            /// Gaps of glasses that no fit holds for ([`fit`]): asked themselves at every wavelength.
+            unfitted: Vec<usize>,
             /// Absorption of each gap at 380, 390, ... nm, 1/mm; empty where none is known.
             absorption: Vec<Vec<$float>>,
             stop_radius: $float,
@@ -261,14 +263,17 @@ macro_rules! prepared {
                     true => (0..=40).map(|i| g.absorption(380.0 + 10.0 * i as f64) as $float).collect(),
                     false => vec![],
                 };
+                let glasses: Vec<Option<[$float; TERMS]>> = system
+                    .glasses
+                    .iter()
+                    .map(|g| fit(g).filter(|_| g.kind != GlassKind::Air).map(|c| c.map(|c| c as $float)))
+                    .collect();
+                let is_unfitted = |gap: &usize| glasses[*gap].is_none() && system.glasses[*gap].kind != GlassKind::Air;
                 Batch {
                     steps,
+                    unfitted: (0..glasses.len()).filter(is_unfitted).collect(),
                     runs: system.runs.iter().map(|r| *r as $float).collect(),
-                    glasses: system
-                        .glasses
-                        .iter()
-                        .map(|g| (g.kind != GlassKind::Air).then(|| fit(g).map(|c| c as $float)))
-                        .collect(),
+                    glasses,
                     media: system.glasses.clone(),
                     absorption: system.glasses.iter().map(absorption).collect(),
                     stop_radius: system.iris.radius as $float,
@@ -280,9 +285,15 @@ macro_rules! prepared {
                 }
             }
 
-            /// Index of every gap at each lane's wavelength (nm), into `out`.
+            /// Index of every gap at each lane's wavelength (nm), into `out`; NaN where a glass has none, which blocks the lane.
             pub fn indices(&self, nm: &Lanes, out: &mut Indices) {
                 dispatch!(level(), simd => indices(simd, self, nm, out));
+                for gap in &self.unfitted {
+                    for (lane, nm) in nm.iter().enumerate() {
+                        let index = self.media[*gap].index(*nm as f64);
+                        (out.n[*gap][lane], out.inverse[*gap][lane]) = (index as $float, (1.0 / index) as $float);
+                    }
+                }
                 let [short, long] = VISIBLE_NM.map(|nm| nm as $float);
                 if nm.iter().fold(true, |within, nm| within & (*nm >= short) & (*nm <= long)) {
                     return;

@@ -60,6 +60,11 @@ impl LightTable {
             for i in 0..WAVELENGTHS {
                 let nm = 380.0 + STEP_NM * i as f64;
                 let [before, after] = [0, 1].map(|k| self.glasses[k].index(nm));
+                // Where a glass has no index it lets no light on.
+                if !(before.is_finite() && after.is_finite()) {
+                    values.extend([0.0; COSINES]);
+                    continue;
+                }
                 for j in 0..COSINES {
                     let cos = j as f64 / (COSINES - 1) as f64;
                     values.push(if self.mirror {

@@ -1,6 +1,8 @@
 //! CODE V sequence files (.seq): the commands that [`crate::import`] reads. Curvatures, not radii (RDM N), so that no digit is lost.
 
-use super::{Only, Sheet, Stance, apertures, ascii, model_figures, only, replaces_rim, same_index, terms, unknown_profile};
+use super::{
+    Only, Opening, Sheet, Stance, apertures, ascii, model_figures, only, replaces_rim, same_index, terms, unknown_profile,
+};
 use crate::aperture::Outline;
 use crate::diffractive::Diffractive;
 use crate::glass::{C_NM, D_NM, F_NM, G_NM, Glass, GlassKind, parse_foreign};
@@ -16,10 +18,15 @@ pub(super) fn write(sheet: &Sheet) -> Result<(String, Vec<String>), Prescription
     let p = sheet.p;
     let mut t = String::from("RDM N\nLEN NEW\n");
     let _ = writeln!(t, "TITLE '{}'\nDIM M", ascii(&p.name));
-    let _ = match sheet.aperture() {
-        ApertureKind::EntrancePupil(d) => writeln!(t, "EPD {d}"),
-        ApertureKind::FNumber(n) => writeln!(t, "FNO {n}"),
-        ApertureKind::ObjectNa(na) => writeln!(t, "NAO {na}"),
+    let _ = match sheet.opening() {
+        Opening::Stated(ApertureKind::EntrancePupil(d)) => writeln!(t, "EPD {d}"),
+        // CODE V's FNO is that of the beam which is used.
+        Opening::Stated(ApertureKind::FNumber(n)) if p.usage.object_distance.is_some() => {
+            writeln!(t, "EPD {}", sheet.entrance_pupil(Some(n)))
+        }
+        Opening::Stated(ApertureKind::FNumber(n)) => writeln!(t, "FNO {n}"),
+        Opening::Stated(ApertureKind::ObjectNa(na)) => writeln!(t, "NAO {na}"),
+        Opening::Stop => writeln!(t, "EPD {}", sheet.entrance_pupil(None)),
     };
     let each = |v: &mut dyn Iterator<Item = f64>| v.map(|v| format!(" {v}")).collect::<String>();
     let _ = writeln!(t, "WL{}\nREF {}", each(&mut sheet.wavelengths_nm.iter().copied()), sheet.reference + 1);

@@ -86,9 +86,18 @@ struct Stance {
     tilt: [f64; 3],
 }
 
+/// What limits the light on the axis.
+enum Opening {
+    /// An aperture.
+    Stated(ApertureKind),
+    /// The stop as it stands.
+    Stop,
+}
+
 /// A prescription at a focus and zoom, as both formats need it.
 struct Sheet<'a> {
     p: &'a Prescription,
+    state: State,
     /// Gap behind each surface, mm.
     gaps: Vec<f64>,
     /// Of surfaces that do not stand straight on the axis.
@@ -121,17 +130,25 @@ impl<'a> Sheet<'a> {
             true => (DEFAULT_NM.to_vec(), 1),
             false => (p.usage.wavelengths_nm.clone(), p.usage.reference),
         };
-        Sheet { p, gaps, stances, from_object, wavelengths_nm, reference }
+        Sheet { p, state, gaps, stances, from_object, wavelengths_nm, reference }
     }
 
-    /// Opening of the light.
-    fn aperture(&self) -> ApertureKind {
-        let paraxial = || {
-            let system = System::at(self.p, State::default());
-            let first = crate::paraxial::FirstOrder::of(&system, &system.indices(D_NM));
-            ApertureKind::EntrancePupil(2.0 * first.entrance_pupil_radius())
-        };
-        self.p.usage.aperture.or(self.p.f_number.map(ApertureKind::FNumber)).unwrap_or_else(paraxial)
+    /// Opening of the light: as the prescription states it, else by its f-number, else by the stop.
+    fn opening(&self) -> Opening {
+        let stated = self.p.usage.aperture.or(self.p.f_number.map(ApertureKind::FNumber));
+        stated.map_or(Opening::Stop, Opening::Stated)
+    }
+
+    /// Diameter of the entrance pupil, mm: of an f-number for an object at infinity; without one that of the widest beam on the axis that rims and stop let pass,
+    /// traced, or where none passes the paraxial one.
+    fn entrance_pupil(&self, f_number: Option<f64>) -> f64 {
+        let system = System::at(self.p, self.state);
+        let n = system.reference_indices();
+        let first = crate::paraxial::FirstOrder::of(&system, &n);
+        match f_number {
+            Some(f_number) => (first.efl / f_number).abs(),
+            None => 2.0 * crate::f_number::widest_radius(&system, &n, first.efl).unwrap_or(first.entrance_pupil_radius()),
+        }
     }
 
     /// Field angles in y, degrees.
@@ -304,6 +321,31 @@ mod tests {
             }
         }
         met
+    }
+
+    #[test]
+    fn a_lens_without_an_f_number_keeps_its_real_one() {
+        // Spheres at f/1.9 with the stop behind the glass: its paraxial entrance pupil is 4 % narrower than the beam that it lets pass.
+        let text = "name = \"fast\"\nsurfaces = [\n  { radius = 40, gap = 8, glass = \"N-BK7\", semi_diameter = 16 },\n  { radius = -60, gap = 12, semi_diameter = 16 },\n  { stop = true, gap = 20, semi_diameter = 8 },\n]\n";
+        let p = import::read(text.as_bytes(), Format::Toml, "fast.toml").unwrap();
+        let real = |p: &Prescription| {
+            let set = crate::compound::configure(p, None, None, None, crate::compound::FilmPlace::AsPublished).unwrap();
+            p.used_f_number().unwrap_or(set.f_number)
+        };
+        let system = System::at(&p, State::default());
+        let paraxial = FirstOrder::of(&system, &system.indices(D_NM)).f_number();
+        assert!((paraxial / real(&p) - 1.0).abs() > 0.01, "{paraxial} {}", real(&p));
+        for (format, back) in [(ExportFormat::Zemax, Format::Zemax), (ExportFormat::CodeV, Format::CodeV)] {
+            let text = write(&p, State::default(), format).unwrap().text;
+            let again = import::read(text.as_bytes(), back, "again").unwrap();
+            assert!((real(&again) / real(&p) - 1.0).abs() < 2e-3, "{format:?}: {} {}\n{text}", real(&again), real(&p));
+        }
+        // An f-number for an object at infinity is no working f-number: with a nearer object CODE V gets the pupil.
+        let near = "name = \"near\"\nf_number = 4\nsurfaces = [\n  { radius = 100, gap = 5, glass = \"N-BK7\", semi_diameter = 20, stop = true },\n  { radius = -100, gap = 187.4, semi_diameter = 20 },\n]\n[usage]\nobject_distance = 200\n";
+        let p = import::read(near.as_bytes(), Format::Toml, "near.toml").unwrap();
+        let text = write(&p, State::default(), ExportFormat::CodeV).unwrap().text;
+        let again = import::read(text.as_bytes(), Format::CodeV, "again").unwrap();
+        assert!((again.used_f_number().unwrap() / 4.0 - 1.0).abs() < 2e-3, "{text}");
     }
 
     #[test]

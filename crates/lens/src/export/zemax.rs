@@ -3,7 +3,9 @@
 //! Decentred and tilted surfaces stand between two coordinate breaks, the second of which undoes the first. Every rim is a circular
 //! aperture (CLAP), since DIAM alone stops no light in that program.
 
-use super::{Only, Sheet, Stance, apertures, ascii, model_figures, only, replaces_rim, same_index, terms, unknown_profile};
+use super::{
+    Only, Opening, Sheet, Stance, apertures, ascii, model_figures, only, replaces_rim, same_index, terms, unknown_profile,
+};
 use crate::aperture::Outline;
 use crate::diffractive::Diffractive;
 use crate::glass::{Glass, GlassKind, parse_foreign};
@@ -22,10 +24,12 @@ pub(super) fn write(sheet: &Sheet) -> Result<(String, Vec<String>), Prescription
     let mut t = String::from("VERS 140124 258 36214\nMODE SEQ\n");
     let mut notes = vec![];
     let _ = writeln!(t, "NAME {}\nUNIT MM X W X CM MR CPMM", ascii(&p.name));
-    let _ = match sheet.aperture() {
-        ApertureKind::EntrancePupil(d) => writeln!(t, "ENPD {d}"),
-        ApertureKind::FNumber(n) => writeln!(t, "FNUM {n} 0"),
-        ApertureKind::ObjectNa(na) => writeln!(t, "OBNA {na} 0"),
+    let _ = match sheet.opening() {
+        Opening::Stated(ApertureKind::EntrancePupil(d)) => writeln!(t, "ENPD {d}"),
+        Opening::Stated(ApertureKind::FNumber(n)) => writeln!(t, "FNUM {n} 0"),
+        Opening::Stated(ApertureKind::ObjectNa(na)) => writeln!(t, "OBNA {na} 0"),
+        // Float by stop size: the DIAM of the stop.
+        Opening::Stop => writeln!(t, "FLOA"),
     };
     let vendors = vendors(sheet);
     if !vendors.is_empty() {

@@ -217,6 +217,9 @@ impl<'a> GhostTracer<'a> {
             }
             let point = surface.to_lens(m.point, local_d).0;
             let [n0, n1] = [gap, after].map(|gap| system.index_at(gap, self.n[gap], point));
+            if !(n0.is_finite() && n1.is_finite()) {
+                return blocked(BlockedBy::Opaque);
+            }
             let facing = local_d.dot(m.normal);
             let normal = if facing < 0.0 { -m.normal } else { m.normal };
             let cos0 = facing.abs();

@@ -40,9 +40,33 @@ pub(super) fn index(number: u8, c: &[f64], um: f64) -> f64 {
     }
 }
 
+/// Strength of a resonance (its term of n² far from it) below which an index on its other side is still believed: that of silicon at 1.13 µm is 0.003.
+const WEAK: f64 = 0.01;
+
+/// Whether a resonance of a Sellmeier formula (1, 2) lies between a wavelength and the longer ones, in µm, from which the formula holds: what it gives there is of no
+/// glass.
+pub(super) fn is_beyond_resonance(number: u8, c: &[f64], um: f64, holds_from_um: f64) -> bool {
+    if um >= holds_from_um || !matches!(number, 1 | 2) {
+        return false;
+    }
+    c.get(1..).unwrap_or(&[]).chunks_exact(2).any(|p| {
+        let at = if number == 1 { p[1].abs() } else { p[1].max(0.0).sqrt() };
+        p[0].abs() > WEAK && (um..holds_from_um).contains(&at)
+    })
+}
+
 #[cfg(test)]
 mod tests {
-    use super::index;
+    use super::{index, is_beyond_resonance};
+
+    #[test]
+    fn resonances_are_told_by_their_place_and_strength() {
+        // Resonances at 0.4 µm, and a weak one at 0.9 µm.
+        for (number, c) in [(1, [0.0, 1.0, 0.4, 0.001, 0.9]), (2, [0.0, 1.0, 0.16, 0.001, 0.81])] {
+            assert!(is_beyond_resonance(number, &c, 0.39, 1.0) && !is_beyond_resonance(number, &c, 0.41, 1.0), "{number}");
+            assert!(!is_beyond_resonance(number, &c, 0.3, 0.3), "{number}");
+        }
+    }
 
     #[test]
     fn every_formula_has_the_value_worked_out_by_hand() {

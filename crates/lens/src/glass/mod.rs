@@ -28,6 +28,9 @@ pub const E_NM: f64 = 546.0740;
 /// Wavelengths the program traces, nm: a glass must have a finite index over all of them.
 pub const VISIBLE_NM: [f64; 2] = [380.0, 780.0];
 
+/// Indices that are believed where nobody measured them.
+const LIKELY: std::ops::RangeInclusive<f64> = 1.0..=4.5;
+
 /// What fills the space between two surfaces.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Glass {
@@ -221,7 +224,8 @@ impl Glass {
         find(name, vendors)
     }
 
-    /// Index at a wavelength, relative to air.
+    /// Index at a wavelength, relative to air; NaN where there is none: a formula has no real value there, or beyond its printed range one outside 1 to 4.5 or beyond a
+    /// resonance, where glasses are opaque.
     pub fn index(&self, nm: f64) -> f64 {
         match &self.kind {
             GlassKind::Air => 1.0,
@@ -230,7 +234,12 @@ impl Glass {
                 let l2 = nm * nm * 1e-6;
                 a + b / l2 + c / (l2 * l2) + d * l2
             }
-            GlassKind::Catalogue { formula, coefficients, .. } => dispersion::index(*formula, coefficients, nm * 1e-3),
+            GlassKind::Catalogue { formula, coefficients, range_nm: [short, long], .. } => {
+                let n = dispersion::index(*formula, coefficients, nm * 1e-3);
+                let is_likely =
+                    || LIKELY.contains(&n) && !dispersion::is_beyond_resonance(*formula, coefficients, nm * 1e-3, short * 1e-3);
+                if (*short..=*long).contains(&nm) || is_likely() { n } else { f64::NAN }
+            }
         }
     }
 
@@ -319,7 +328,7 @@ impl Glass {
 }
 
 fn check_index(name: &str, n: f64) -> Result<(), GlassError> {
-    match (1.0..=4.5).contains(&n) {
+    match LIKELY.contains(&n) {
         true => Ok(()),
         false => Err(GlassError::Range { name: name.into(), what: format!("an index of {n}: expected 1 to 4.5") }),
     }
@@ -419,6 +428,17 @@ mod tests {
         let note = Glass::parse("GERMANIUM").unwrap().extrapolated(587.6).unwrap();
         assert!(note.contains("2500 to 12000 nm"), "{note}");
         assert_eq!(Glass::constant(1.5).unwrap().extrapolated(10_000.0), None);
+    }
+
+    #[test]
+    fn beside_a_resonance_there_is_no_index() {
+        // Connolly's formula of ZnSe holds from 540 nm; its second resonance lies at 391.4 nm.
+        let glass = Glass::parse("ZnSe").unwrap();
+        assert!((glass.index(587.6) - 2.62).abs() < 0.02, "{}", glass.index(587.6));
+        for nm in [380.0, 391.3, 391.5, 395.0] {
+            assert!(glass.index(nm).is_nan(), "{nm}: {}", glass.index(nm));
+            assert!(glass.extrapolated(nm).unwrap().contains("there is no index"));
+        }
     }
 
     #[test]

@@ -5,8 +5,8 @@
 //!
 //! | command | what is done |
 //! |---|---|
-//! | RDM, TIT, DIM, EPD, FNO, NAO, WL, REF, YAN, VUY, VLY, PRV PWL LAU END | read (other formulas of private glasses: error) |
-//! | NA | read as the f-number 1/(2 NA) |
+//! | RDM, TIT, DIM, EPD, NAO, WL, REF, YAN, VUY, VLY, PRV PWL LAU END | read (other formulas of private glasses: error) |
+//! | FNO, NA | on the image side: for an object at a finite distance the entrance pupil of the beam of that cone; NA of one at infinity is the f-number 1/(2 NA) |
 //! | SO, S, SI; STO, RDY, CUY, THI, GLA, RMD | read; a distance may be `inf` or `infinity` |
 //! | SPH, CON, ASP with K, A to J | read |
 //! | CYL, YTO with RDX or CUX | read |
@@ -16,7 +16,7 @@
 //! | XDE, YDE, ZDE, ADE, BDE, CDE with DAR, REV, BEN or alone | read, on SI too; see layout.rs. ADE and BDE follow the left hand |
 //! | CIR, CIR OBS, CIR HOL | read; a hole blocks, since light that passes it is not followed |
 //! | REX REY, ELX ELY, also OBS and HOL; ADX, ADY (of CIR too) | read; one half width alone: the circle of it, with a note |
-//! | names NAME_VENDOR; codes 517.642, 517642.1, 1.5168:64.17; private glasses | read; aliases with a note (glass/alias.rs) |
+//! | names NAME_VENDOR; codes 517.642, 517642, 517642.1, 1.5168:64.17; private glasses | read; aliases with a note (glass/alias.rs) |
 //! | XAN, YIM, YOB, XIM, XOB, XRI, YRI | left out (fields in x, or heights), with a note where it matters |
 //! | PUI, PUX, PUY, TEL | left out, with a note |
 //! | curvature of SI | taken for plane, with a note |
@@ -120,6 +120,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     let (mut ended, mut gone) = (false, false);
     let (mut upper, mut lower): (Vec<f64>, Vec<f64>) = (vec![], vec![]);
     let mut fields_are_angles = false;
+    // Tangent of the outermost ray at the image, and the f-number of that for an object at infinity.
+    let mut image_cone: Option<[f64; 2]> = None;
     // Private catalogue: wavelengths, then names with indices.
     let (mut private, mut private_nm): (HashMap<String, PrivateGlass>, Vec<f64>) = (HashMap::new(), vec![]);
     let mut in_private = false;
@@ -182,10 +184,19 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                     Some(other) => return Err(wrong(format!("DIM {other}: expected M, C or I"))),
                 }
             }
-            "EPD" => p.usage.aperture = Some(ApertureKind::EntrancePupil(value()?)),
-            "FNO" => p.usage.aperture = Some(ApertureKind::FNumber(value()?)),
-            "NA" => p.usage.aperture = Some(ApertureKind::FNumber(0.5 / value()?)),
-            "NAO" => p.usage.aperture = Some(ApertureKind::ObjectNa(value()?)),
+            "EPD" => (p.usage.aperture, image_cone) = (Some(ApertureKind::EntrancePupil(value()?)), None),
+            "FNO" => {
+                let n = value()?;
+                image_cone = Some([0.5 / n, n]);
+            }
+            "NA" => {
+                let na = value()?;
+                if !(na > 0.0 && na < 1.0) {
+                    return Err(wrong(format!("NA {na}: expected a number between 0 and 1")));
+                }
+                image_cone = Some([na / (1.0 - na * na).sqrt(), 0.5 / na]);
+            }
+            "NAO" => (p.usage.aperture, image_cone) = (Some(ApertureKind::ObjectNa(value()?)), None),
             "WL" => p.usage.wavelengths_nm = numbers(),
             "REF" => p.usage.reference = (value()? as usize).saturating_sub(1),
             "YAN" => (p.usage.field_angles_deg, fields_are_angles) = (numbers(), true),
@@ -556,6 +567,9 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         drop_dummies(&mut p);
     }
     p.clip_given_rims();
+    if let Some([tangent, f_number]) = image_cone {
+        super::set_image_cone(&mut p, tangent, f_number);
+    }
     p.checked(file)
 }
 
@@ -699,8 +713,12 @@ fn glass(name: &str, private: &HashMap<String, PrivateGlass>, private_nm: &[f64]
         let vd = figure(v).or_else(|| Some(whole(v)? / 10f64.powi(v.len() as i32 - 2)))?;
         Some((nd, vd))
     };
-    // "1.5168" is an index, not nd 1.1 and Vd 51.68.
-    if let Some((nd, vd)) = coded(name) {
+    // "1.5168" is an index, not nd 1.1 and Vd 51.68. Six digits are a code without its point.
+    let six_digits = || {
+        let (n, v) = (name.len() == 6 && name.bytes().all(|b| b.is_ascii_digit())).then(|| name.split_at(3))?;
+        Some((1.0 + n.parse::<f64>().ok()? / 1000.0, v.parse::<f64>().ok()? / 10.0))
+    };
+    if let Some((nd, vd)) = coded(name).or_else(six_digits) {
         return Glass::model(nd, vd, 0.0).map_err(|e| e.to_string());
     }
     let (glass, alias) = parse_foreign(name, &[]).map_err(|e| e.to_string())?;

@@ -14,7 +14,7 @@ pub(crate) mod placed;
 mod zemax;
 
 use crate::glass::{Glass, GlassError};
-use crate::prescription::{Prescription, PrescriptionError, Surface, read_toml};
+use crate::prescription::{ApertureKind, Prescription, PrescriptionError, Surface, read_toml};
 
 /// Largest file that is read, bytes.
 pub const LARGEST_FILE: usize = 16 << 20;
@@ -91,6 +91,8 @@ fn text(bytes: &[u8], file: &str) -> Result<String, PrescriptionError> {
             Err(_) => bytes.iter().map(|b| *b as char).collect(),
         },
     };
+    // Ends of lines of old Macintosh files.
+    let text = if text.contains('\r') && !text.contains('\n') { text.replace('\r', "\n") } else { text };
     let odd = text.chars().filter(|c| c.is_control() && !matches!(c, '\n' | '\r' | '\t' | '\u{c}' | '\u{1a}')).count();
     if odd * 50 > text.len() {
         return Err(PrescriptionError::at(file, 0, "this is not text: expected a lens file"));
@@ -166,6 +168,22 @@ fn drop_dummies(p: &mut Prescription) {
     }
     if dropped > 0 {
         p.notes.push(format!("{dropped} dummy plane(s) in air left out; surfaces are numbered without them"));
+    }
+}
+
+/// Sets the aperture of a file that states it on the image side: as the tangent of the angle to the axis at which the outermost ray of the axial beam comes to the
+/// image, and as the f-number that this is for an object at infinity. With a nearer object the beam of that cone has an entrance pupil of its own.
+fn set_image_cone(p: &mut Prescription, tangent: f64, f_number_at_infinity: f64) {
+    p.usage.aperture = Some(ApertureKind::FNumber(f_number_at_infinity));
+    if !(tangent > 0.0) {
+        return;
+    }
+    match p.pupil_of_image_cone(tangent) {
+        Some(diameter) => p.usage.aperture = Some(ApertureKind::EntrancePupil(diameter)),
+        None if p.usage.object_distance.is_some() => p.notes.push(format!(
+            "the aperture of the file, f/{f_number_at_infinity} at the image, has no entrance pupil for an object at this distance: it is read as for one at infinity"
+        )),
+        None => {}
     }
 }
 

@@ -4,7 +4,9 @@
 //!
 //! | keyword | what is done |
 //! |---|---|
+//! | FNUM x 1 (paraxial working f-number), OBNA x 1 (half angle of the cone, degrees) | the entrance pupil of that beam, for an object at a finite distance |
 //! | MODE, NAME, UNIT, ENPD, FNUM, OBNA, FLOA, YFLN, VCYN, WAVM, PWAV, GCAT | read |
+//! | WAVL (wavelengths of older files, in one line) | read where there is no WAVM |
 //! | FTYP | angles are read; heights and fields in x (XFLN) are left out, with a note |
 //! | TYPE STANDARD, EVENASPH, ODDASPHE, XASPHERE, TOROIDAL, BICONICX, PARAXIAL (its OPD mode is not), GRINSUR1 to GRINSUR3, QED_TYPE | read |
 //! | TYPE SZERNSAG, FZERNSAG (their Zernike decentre: error unless 0; terms go on beyond the normalisation radius), XPOLYNOM, FRESNELS | read |
@@ -14,13 +16,14 @@
 //! | other TYPE: BINARY_3, holograms, other gratings and gradient indices, user surfaces | error |
 //! | CURV, CONI, PARM, XDAT, DISZ, STOP, DIAM, CLAP | read |
 //! | SQAP, ELAP (instead of DIAM), OBSC, SQOB, ELOB, SPID, OBDC (their middle, also of CLAP) | read |
-//! | GLAS | the catalogue's glass; an alias with a note (glass/alias.rs); the line's nd and Vd where neither is known, but for the placeholder 1.5, 40 |
+//! | GLAS | the catalogue's glass; an alias with a note (glass/alias.rs); the line's nd and Vd where neither is known, and of plastics without a maker (PMMA, POLYCARB, POLYSTYR) where they are others, but for the placeholder 1.5, 40 |
 //! | GLAS MIRROR | a mirror; plane ones that fold the axis are unfolded |
 //! | SCBD (tilt of a surface of its own) | left out, with a note where it is not zero |
 //! | MNUM with THIC | gaps of configurations: zoom positions or a near focus (configurations.rs) |
 //! | CRVT, GLSS, ... (`OPERANDS`) of configurations | the current one stands; with a note |
+//! | COAT AR, MGF2; HEAR1, HEAR2 | a quarter wave of MgF₂; the broadband recipe (the layers stand in another file), with a note; those of mirrors and of other names: left out, with a note |
 //! | curved image surface | taken for plane, with a note |
-//! | coatings, solves, pickups, tolerances, drawing, weights, ray aiming (`HARMLESS`, `HARMLESS_HEAD`) | ignored: rays do not change |
+//! | solves, pickups, tolerances, drawing, weights, ray aiming (`HARMLESS`, `HARMLESS_HEAD`) | ignored: rays do not change |
 //! | all others | skipped, named in a note |
 
 use super::configurations::{Configurations, MOST as MOST_CONFIGURATIONS};
@@ -29,6 +32,7 @@ use super::placed::Placed;
 use super::{Skipped, drop_dummies, stem};
 use crate::analysis::zernike::Numbering;
 use crate::aperture::{Aperture, MOST_ARMS, Outline};
+use crate::coating::{Coating, DESIGN_NM, Recipe};
 use crate::diffractive::Diffractive;
 use crate::forbes::{Forbes, ForbesKind};
 use crate::freeform::Freeform;
@@ -43,19 +47,21 @@ use std::collections::BTreeMap;
 /// What Zemax writes as nd and Vd of a glass that it takes from a catalogue.
 const PLACEHOLDER: (f64, f64) = (1.5, 40.0);
 
+/// Plastics of no maker: what the catalogue has of them are measurements of one sample.
+const PLASTICS: [&str; 3] = ["PMMA", "POLYCARB", "POLYSTYR"];
+
 /// Keywords of surfaces that do not change its shape, place or medium.
 const HARMLESS: &[&str] = &[
-    "COMM", "HIDE", "MIRR", "SLAB", "POPS", "COAT", "PZUP", "MAZH", "FLAP", "BLNK", "MEMA", "PPAR", "VPAR", "PKUP", "PARP",
-    "DIAP", "GLCZ", "OPDX", "USAP", "UDAP", "FIMP", "TOL", "TOLE", "NOTE", "SDRW", "HLGT", "CONF", "MOFF", "REAY", "EFLY",
-    "EFFL", "WRSG", "CLRF", "SSAM", "ELDX", "PICB", "BORD", "FACE", "CONI",
+    "COMM", "HIDE", "MIRR", "SLAB", "POPS", "PZUP", "MAZH", "FLAP", "BLNK", "MEMA", "PPAR", "VPAR", "PKUP", "PARP", "DIAP",
+    "GLCZ", "OPDX", "USAP", "UDAP", "FIMP", "TOL", "TOLE", "NOTE", "SDRW", "HLGT", "CONF", "MOFF", "REAY", "EFLY", "EFFL",
+    "WRSG", "CLRF", "SSAM", "ELDX", "PICB", "BORD", "FACE", "CONI",
 ];
 /// Keywords of the head that do not change the lens.
 const HARMLESS_HEAD: &[&str] = &[
     "VERS", "NOTE", "PFIL", "LANG", "ENVD", "GFAC", "RAIM", "PUSH", "SDMA", "ROPD", "PICB", "FWGN", "VDXN", "VDYN", "VCXN",
     "VANN", "POLS", "GLRS", "GSTD", "NSCD", "COFN", "COFP", "FCOM", "FTYP", "WWGT", "WWGN", "ZVDX", "ZVDY", "ZVCX", "ZVAN",
-    "ZVCY", "FWGT", "VCXN", "RSCE", "RWRE", "CMSG", "EFFL", "TOL", "MNUM", "MOFF", "WAVL", "WAVN", "SWCN", "PUPD", "PUPZ",
-    "EYES", "GRPH", "TCMM", "TCED", "MCED", "MEID", "BLNK", "AUTH", "PSEQ", "NSCS", "IMAG", "ZCUS", "REAY", "EFLY", "LOPT",
-    "ISNA",
+    "ZVCY", "FWGT", "VCXN", "RSCE", "RWRE", "CMSG", "EFFL", "TOL", "MNUM", "MOFF", "WAVN", "SWCN", "PUPD", "PUPZ", "EYES",
+    "GRPH", "TCMM", "TCED", "MCED", "MEID", "BLNK", "AUTH", "PSEQ", "NSCS", "IMAG", "ZCUS", "REAY", "EFLY", "LOPT", "ISNA",
 ];
 
 /// Operands of configurations other than THIC.
@@ -77,6 +83,7 @@ struct Block {
     glass: Option<Glass>,
     mirror: bool,
     stop: bool,
+    coating: Option<String>,
     semi_diameter: Option<f64>,
     obstruction: f64,
     clear: Option<f64>,
@@ -188,7 +195,10 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     let mut vendors: Vec<String> = vec![];
     let mut skipped = Skipped::default();
     let mut waves: BTreeMap<usize, f64> = BTreeMap::new();
+    let mut waves_in_a_line: Vec<f64> = vec![];
     let (mut primary, mut field_kind, mut fields) = (1usize, 0.0, vec![]);
+    // Whether FNUM is the working f-number.
+    let mut is_working = false;
     let mut vignetting: Vec<f64> = vec![];
     let mut notes: Vec<String> = vec![];
     let mut configurations = Configurations::default();
@@ -231,7 +241,19 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                     }
                 }
                 "ENPD" => p.usage.aperture = Some(ApertureKind::EntrancePupil(value(0)?)),
-                "FNUM" => p.usage.aperture = Some(ApertureKind::FNumber(value(0)?)),
+                "FNUM" => {
+                    p.usage.aperture = Some(ApertureKind::FNumber(value(0)?));
+                    is_working = rest.get(1) == Some(&"1");
+                }
+                "OBNA" if rest.get(1) == Some(&"1") => {
+                    let degrees = value(0)?;
+                    if !(degrees > 0.0 && degrees < 90.0) {
+                        return Err(wrong(format!(
+                            "OBNA {degrees} 1: expected the half angle of the cone of light, above 0 and below 90 degrees"
+                        )));
+                    }
+                    p.usage.aperture = Some(ApertureKind::ObjectNa(degrees.to_radians().sin()));
+                }
                 "OBNA" => p.usage.aperture = Some(ApertureKind::ObjectNa(value(0)?)),
                 // The stop's own size is the aperture.
                 "FLOA" => {}
@@ -246,6 +268,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 "WAVM" => {
                     waves.insert(value(0)? as usize, value(1)?);
                 }
+                "WAVL" => waves_in_a_line = (0..rest.len()).map(&value).collect::<Result<_, _>>()?,
                 "PWAV" => primary = value(0)? as usize,
                 "GCAT" => vendors = rest.iter().map(|v| v.to_lowercase()).collect(),
                 other if HARMLESS_HEAD.contains(&other) => {}
@@ -264,6 +287,10 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 block.fixed = rest.get(1) == Some(&"1");
             }
             "STOP" => block.stop = true,
+            "COAT" => {
+                block.coating =
+                    rest.first().map(|name| name.to_uppercase()).filter(|name| !["NULL", "NONE"].contains(&name.as_str()))
+            }
             "PARM" => {
                 block.parameters.insert(value(0)? as u32, value(1)?);
             }
@@ -351,6 +378,9 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         p.usage.object_distance = Some(object.gap * scale);
     }
     let last = blocks.len() - 1;
+    if waves.is_empty() {
+        waves = (1..).zip(waves_in_a_line).collect();
+    }
     // Unused wavelengths are written as repeats of 0.55.
     let mut wavelengths: Vec<f64> = waves.values().map(|um| um * 1000.0).collect();
     while wavelengths.len() > primary.max(1) && wavelengths[wavelengths.len() - 1] == wavelengths[wavelengths.len() - 2] {
@@ -413,6 +443,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 gradient: b.gradient(scale).map_err(wrong)?,
                 ideal_focal_length: b.ideal_focal_length().map(|f| f * scale),
                 diffractive: b.diffractive(scale).map_err(wrong)?,
+                coating: b.coating.as_deref().filter(|_| !b.mirror).and_then(coating),
                 ..Surface::new(shape, b.gap * scale, medium)
             };
             rows.push(Placed { surface, frame: here, rim: b.mirror && (b.clear.is_some() || b.fixed) });
@@ -431,6 +462,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         p.surfaces = rows.into_iter().map(|r| r.surface).collect();
         configurations.apply(&mut p);
     }
+    note_coatings(&blocks, &mut notes);
     if blocks[last].curvature != 0.0 {
         notes.push("the image surface is curved in the file; the film is flat".into());
     }
@@ -447,7 +479,37 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         drop_dummies(&mut p);
     }
     p.clip_given_rims();
+    if let Some(ApertureKind::FNumber(n)) = p.usage.aperture.filter(|_| is_working) {
+        super::set_image_cone(&mut p, 0.5 / n, n);
+    }
     p.checked(file)
+}
+
+/// What stands for a coating by its name in Zemax's own file of coatings, upper case.
+fn coating(name: &str) -> Option<Coating> {
+    match name {
+        "AR" | "MGF2" => Some(Coating::MagnesiumFluoride),
+        "HEAR1" | "HEAR2" => Some(Coating::Recipe(Recipe::ThreeLayer, DESIGN_NM)),
+        _ => None,
+    }
+}
+
+/// Says what the coatings of a file are taken for, and which are left out.
+fn note_coatings(blocks: &[Block], notes: &mut Vec<String>) {
+    let mut left_out: Vec<String> = vec![];
+    for b in blocks {
+        let Some(name) = &b.coating else { continue };
+        let found = coating(name).filter(|_| !b.mirror);
+        let note = found.map(|found| format!("coating {name} is taken for {}", found.describe()));
+        let list = if note.is_some() { &mut *notes } else { &mut left_out };
+        let entry = note.unwrap_or_else(|| if b.mirror { format!("{name} of a mirror") } else { name.clone() });
+        if !list.contains(&entry) {
+            list.push(entry);
+        }
+    }
+    if !left_out.is_empty() {
+        notes.push(format!("coatings whose layers are not in the file are left out: {}", left_out.join(", ")));
+    }
 }
 
 /// The coordinate system after a break, seen from the one before it: decentre, then tilts about x, y and z; with the order flag tilts
@@ -484,6 +546,14 @@ fn glass(rest: &[&str], vendors: &[&str], notes: &mut Vec<String>) -> Result<Gla
             let (n_found, v_found) = (found.index(D_NM), found.abbe());
             let differs = stated && ((n_found - nd).abs() > 1e-3 || (v_found - vd).abs() > 0.5);
             match note {
+                // Sold by many makers under one name: the file's figures are those of its own.
+                None if differs && PLASTICS.contains(&found.name.as_str()) => {
+                    notes.push(format!(
+                        "glass \"{name}\": the file's nd {nd}, Vd {vd} are used; those of {} are {n_found:.5}, {v_found:.2}",
+                        found.written()
+                    ));
+                    return figures();
+                }
                 // Another glass of that name, then.
                 Some(_) if differs => {
                     notes.push(format!("glass \"{name}\" is in no catalogue: the file's nd {nd}, Vd {vd} are used"));

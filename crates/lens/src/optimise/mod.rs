@@ -29,7 +29,7 @@ use crate::paraxial::{Cardinal, FirstOrder};
 use crate::prescription::{ApertureKind, Prescription, PrescriptionError, asphere_of};
 use crate::surface::{Asphere, Profile};
 use crate::system::{State, System};
-use crate::tolerance::{bent_to, colors_of, fields_of, lit_height, shifted, stated_aperture};
+use crate::tolerance::{bent_to, colors_of, fields_of, lit_height, shifted};
 use levenberg::{differential_evolution, merit};
 use operand::{Arrival, Seen, Terms};
 
@@ -185,7 +185,7 @@ impl Optimisation {
         // Round beams need no lens that makes an image: plane plates are a start, too.
         let (system, state, height) = match sheet.entrance_pupil {
             None => {
-                let aperture = sheet.aperture.or_else(|| stated_aperture(lens));
+                let aperture = sheet.aperture.or_else(|| lens.used_f_number());
                 let set = configure(lens, sheet.focal_length, aperture, None, FilmPlace::AsPublished)?;
                 let height = lit_height(lens, &set);
                 let Configured { system, state, .. } = set;

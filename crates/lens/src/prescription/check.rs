@@ -142,13 +142,20 @@ impl Prescription {
             }
         }
         let u = &self.usage;
-        let aperture = match u.aperture {
-            Some(ApertureKind::EntrancePupil(v) | ApertureKind::FNumber(v)) => v > 0.0 && v < LARGEST,
-            Some(ApertureKind::ObjectNa(v)) => v > 0.0 && v < 1.0,
-            None => true,
+        let impossible = match u.aperture {
+            Some(ApertureKind::EntrancePupil(mm)) if !(mm > 0.0 && mm < LARGEST) => {
+                Some(format!("entrance pupil diameter {mm} mm: expected a positive number"))
+            }
+            Some(ApertureKind::FNumber(n)) if !(n > 0.0 && n < LARGEST) => {
+                Some(format!("f-number {n}: expected a positive number"))
+            }
+            Some(ApertureKind::ObjectNa(na)) if !(na > 0.0 && na < 1.0) => {
+                Some(format!("numerical aperture of the object's side {na}: expected a positive number below 1"))
+            }
+            _ => None,
         };
-        if !aperture {
-            return Err(whole(format!("aperture {:?}: expected a positive number", u.aperture)));
+        if let Some(what) = impossible {
+            return Err(whole(what));
         }
         if let Some(bad) = u.field_angles_deg.iter().find(|f| !(f.abs() <= 120.0)) {
             return Err(whole(format!("field {bad}: expected an angle within 120 degrees")));
@@ -160,12 +167,13 @@ impl Prescription {
         if u.vignetting.iter().flatten().any(|v| !(v.abs() <= 1.0)) {
             return Err(whole("vignetting factors: expected -1 to 1".into()));
         }
-        if u.object_distance.is_some_and(|d| !(d > 0.0)) || !(u.defocus.abs() < LARGEST) {
-            let what = format!(
-                "object_distance {:?}, defocus {}: expected a positive and a finite length",
-                u.object_distance, u.defocus
-            );
-            return Err(whole(what));
+        if let Some(d) = u.object_distance.filter(|d| !(*d > 0.0)) {
+            return Err(whole(format!(
+                "object distance {d} mm: expected a positive length; leave it out for an object at infinity"
+            )));
+        }
+        if !(u.defocus.abs() < LARGEST) {
+            return Err(whole(format!("defocus {}: expected a length within {LARGEST} mm", u.defocus)));
         }
         if self.object_axis.is_some() && self.hood.is_some() {
             return Err(whole("a hood on a lens with an object_axis: hoods stand on the axis of round lenses".into()));

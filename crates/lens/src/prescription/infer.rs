@@ -10,13 +10,48 @@ use glam::DVec3;
 
 impl Prescription {
     /// The wavelength at which missing figures are inferred, nm: the d line, or the stated reference where a glass has no index there.
-    pub(super) fn inference_nm(&self) -> f64 {
+    pub(crate) fn inference_nm(&self) -> f64 {
         let index_exists = |nm: f64| self.surfaces.iter().all(|s| s.glass.index(nm) > 0.0);
         let reference = self.usage.wavelengths_nm.get(self.usage.reference).copied();
         match reference {
             Some(nm) if !index_exists(crate::glass::D_NM) => nm,
             _ => crate::glass::D_NM,
         }
+    }
+
+    /// Diameter of the entrance pupil (mm) of the beam from the middle of the object, at its distance, that comes to the image at an angle of this tangent to the axis,
+    /// by first order. `None` without an object at a finite distance, and where no such beam has one. The stop is inferred where none is given.
+    pub(crate) fn pupil_of_image_cone(&self, tangent: f64) -> Option<f64> {
+        let distance = self.usage.object_distance?;
+        let mut whole = self.clone();
+        if !whole.surfaces.iter().any(|s| s.stop) {
+            let stop = whole.infer_stop();
+            whole.surfaces.get_mut(stop)?.stop = true;
+        }
+        let system = System::at(&whole, State::default());
+        let n = system.indices(whole.inference_nm());
+        // A ray of slope 1 from the object: slopes go with one another.
+        let slope = *paraxial::Trace::new(&system, &n, distance, 1.0).angles.last()?;
+        let diameter = 2.0 * (tangent / slope * (distance + paraxial::FirstOrder::of(&system, &n).entrance_pupil_z)).abs();
+        (diameter > 0.0 && diameter < LARGEST).then_some(diameter)
+    }
+
+    /// The f-number (focal length over diameter of the entrance pupil) of the aperture that the prescription says it is used at; `None` where it says none, or one that no
+    /// beam of its object has.
+    pub fn used_f_number(&self) -> Option<f64> {
+        let aperture = self.usage.aperture?;
+        if let ApertureKind::FNumber(n) = aperture {
+            return Some(n);
+        }
+        let system = System::at(self, State::default());
+        let first = paraxial::FirstOrder::of(&system, &system.indices(self.inference_nm()));
+        let diameter = match aperture {
+            ApertureKind::EntrancePupil(d) => d,
+            ApertureKind::ObjectNa(na) => 2.0 * (self.usage.object_distance? + first.entrance_pupil_z) * na.asin().tan(),
+            ApertureKind::FNumber(_) => return None,
+        };
+        // Less than this is no f-number of glass in air: an entrance pupil that is wider than all rims.
+        Some(first.efl / diameter).filter(|n| *n > 0.1)
     }
 
     /// The surface whose rim the axial beam touches first.

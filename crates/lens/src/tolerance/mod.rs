@@ -27,10 +27,9 @@ pub(crate) use sheet::{check_list, check_weights};
 use crate::LensError;
 use crate::analysis::{Bench, VISUAL_NM};
 use crate::compound::{Configured, FilmPlace, configure};
-use crate::glass::{D_NM, GlassError};
-use crate::paraxial::FirstOrder;
-use crate::prescription::{ApertureKind, Prescription, PrescriptionError};
-use crate::system::{State, System};
+use crate::glass::GlassError;
+use crate::prescription::{Prescription, PrescriptionError};
+use crate::system::System;
 use assess::Assessment;
 use parameter::{movable, perturbed};
 
@@ -56,18 +55,6 @@ pub struct Sensitivity {
     pub plus: Vec<f64>,
     /// And at its lower end.
     pub minus: Vec<f64>,
-}
-
-/// The f-number that a prescription says it is used at.
-pub(crate) fn stated_aperture(p: &Prescription) -> Option<f64> {
-    match p.usage.aperture {
-        Some(ApertureKind::FNumber(n)) => Some(n),
-        Some(ApertureKind::EntrancePupil(d)) => {
-            let system = System::at(p, State::default());
-            Some(FirstOrder::of(&system, &system.indices(D_NM)).efl / d).filter(|n| *n > 0.1)
-        }
-        _ => None,
-    }
 }
 
 /// Wavelengths (nm), weights, and the number of the reference: as asked, else as the lens says, else F, d and C.
@@ -128,7 +115,7 @@ impl Toleranced {
                 })?;
             }
         }
-        let aperture = sheet.aperture.or_else(|| stated_aperture(lens));
+        let aperture = sheet.aperture.or_else(|| lens.used_f_number());
         let set = configure(&design, sheet.focal_length, aperture, None, FilmPlace::AsPublished)?;
         let height = lit_height(lens, &set);
         let Configured { system, state, .. } = set;

@@ -2,9 +2,11 @@
 
 use crate::packets::traced_alike;
 use diopter_lens::batch::double::LANES;
+use diopter_lens::coating::{Coating, DESIGN_NM, Recipe};
 use diopter_lens::glass::D_NM;
 use diopter_lens::import::{self, Format};
 use diopter_lens::paraxial::FirstOrder;
+use diopter_lens::prescription::ApertureKind;
 use diopter_lens::ray::{Apertures, TraceDirection, TracedRay};
 use diopter_lens::surface::Profile;
 use diopter_lens::trace::at_plane;
@@ -67,6 +69,104 @@ fn zemax_placeholders_are_no_glass_data() {
     assert!((index(&read(Format::Zemax, &lens("BK7 0 0 1.6 50 0 0 0"))) - 1.6).abs() < 1e-9);
 }
 
+/// A singlet of BK7 whose head has these lines instead of its wavelengths and entrance pupil.
+fn with_head(head: &str, object: &str, stop: &str) -> String {
+    let lens = format!(
+        "SURF 1\n STOP\n TYPE STANDARD\n CURV 0.01\n DISZ 5\n{stop} GLAS N-BK7 0 0 1.5 40\n DIAM 20 1\nSURF 2\n TYPE STANDARD\n CURV -0.01\n DISZ 187.4\n DIAM 20 1\n"
+    );
+    format!("MODE SEQ\nUNIT MM\n{head}\nSURF 0\n TYPE STANDARD\n DISZ {object}\n{lens}SURF 3\n TYPE STANDARD\n CURV 0\n DISZ 0\n")
+}
+
+#[test]
+fn wavelengths_of_older_zemax_files_are_read() {
+    let waves = |head: &str| {
+        let p = read(Format::Zemax, &with_head(&format!("ENPD 10\n{head}"), "INFINITY", ""));
+        let nm: Vec<f64> = p.usage.wavelengths_nm.iter().map(|nm| nm.round()).collect();
+        (nm, p.usage.reference)
+    };
+    assert_eq!(waves("WAVL 1.064\nPWAV 1"), (vec![1064.0], 0));
+    assert_eq!(waves("WAVL 0.4861 0.5876 0.6563\nWWGT 1 2 1\nPWAV 3"), (vec![486.0, 588.0, 656.0], 2));
+    // The newer record stands, wherever it is.
+    assert_eq!(waves("WAVM 1 0.55 1\nWAVL 0.4861 0.6563\nPWAV 1"), (vec![550.0], 0));
+    assert!(error(Format::Zemax, &with_head("ENPD 10\nWAVL 0.5 x", "INFINITY", "")).contains("WAVL x: expected a number"));
+}
+
+#[test]
+fn apertures_at_finite_conjugates_are_those_of_the_beam_that_is_used() {
+    let pupil = |p: &Prescription| match p.usage.aperture {
+        Some(ApertureKind::EntrancePupil(d)) => d,
+        other => panic!("{other:?}"),
+    };
+    let zemax = |head: &str, object: &str| read(Format::Zemax, &with_head(head, object, ""));
+    let code_v = |aperture: &str, object: &str| {
+        let text = format!(
+            "RDM; {aperture}; DIM M; WL 587.56; SO 0 {object}; S 100 5 NBK7_SCHOTT; STO; CIR 20; S -100 187.4; CIR 20; SI; GO"
+        );
+        read(Format::CodeV, &text)
+    };
+    // y-nu trace by hand from an object 200 mm before a lens of R 100 and -100 mm, 5 mm thick, n 1.5168: a slope of 1 becomes -1.06663.
+    let expected = |tangent: f64| 2.0 * 200.0 * tangent / 1.06663;
+    for p in [zemax("FNUM 8 1", "200"), code_v("FNO 8", "200")] {
+        assert!((pupil(&p) - expected(1.0 / 16.0)).abs() < 0.005 && (pupil(&p) - 23.44).abs() < 0.01, "{}", pupil(&p));
+        // The beam that the bench lets through is that of this pupil.
+        assert!((p.used_f_number().unwrap() - efl(&p) / 23.44).abs() < 0.002, "{:?}", p.used_f_number());
+    }
+    let p = code_v("NA 0.0625", "200");
+    assert!((pupil(&p) - expected(0.0625f64.asin().tan())).abs() < 0.005, "{}", pupil(&p));
+    // In other units, too.
+    let p = read(Format::Zemax, &with_head("FNUM 8 1", "200", "").replace("UNIT MM", "UNIT CM"));
+    assert!((pupil(&p) - 234.38).abs() < 0.05, "{}", pupil(&p));
+    // The infinite-conjugate f-number, and a distant object: as it is written.
+    for p in [zemax("FNUM 8 0", "200"), zemax("FNUM 8 1", "INFINITY"), code_v("FNO 8", "1e13"), code_v("NA 0.0625", "1e13")] {
+        assert_eq!(p.usage.aperture, Some(ApertureKind::FNumber(8.0)));
+    }
+    // Half a cone of 0.2 degrees, 200 mm before the stop in the first surface.
+    let p = zemax("OBNA 0.2 1", "200");
+    assert!((efl(&p) / p.used_f_number().unwrap() - 1.3963).abs() < 1e-4, "{:?}", p.usage.aperture);
+    assert_eq!(zemax("OBNA 0.05 0", "200").usage.aperture, Some(ApertureKind::ObjectNa(0.05)));
+    let refused = |head: &str| error(Format::Zemax, &with_head(head, "200", ""));
+    assert!(refused("OBNA 95 1").contains("above 0 and below 90 degrees"));
+    assert!(refused("FNUM -8 1").contains("expected a positive number"));
+}
+
+#[test]
+fn plastics_of_a_zemax_file_have_its_own_figures() {
+    let glass = |line: &str| {
+        let p = read(Format::Zemax, &with_head("ENPD 10", "INFINITY", "").replace("N-BK7 0 0 1.5 40", line));
+        (p.surfaces[0].glass.clone(), p.notes)
+    };
+    for (name, nd, vd) in
+        [("PMMA", 1.491756, 57.44), ("POLYCARB", 1.58547, 29.91), ("POLYCARB", 1.6, 29.91), ("ACRYLIC", 1.491668, 55.31)]
+    {
+        let (found, notes) = glass(&format!("{name} 0 0 {nd} {vd} 0 0 0"));
+        assert!((found.index(D_NM) - nd).abs() < 1e-3 && (found.abbe() - vd).abs() < 0.5, "{name}: {found:?} {notes:?}");
+        let own = (found.index(D_NM) - nd).abs() < 1e-9;
+        assert_eq!(own, notes.iter().any(|n| n.contains(&format!("the file's nd {nd}, Vd {vd} are used"))), "{name}: {notes:?}");
+    }
+    // A maker's glass keeps its own, beside the placeholder a plastic too.
+    let (found, notes) = glass("N-BK7 0 0 1.6 50 0");
+    assert!((found.index(D_NM) - 1.5168).abs() < 1e-5 && notes.iter().any(|n| n.contains("the catalogue's")), "{notes:?}");
+    assert!((glass("PMMA 0 0 1.5 40 0").0.index(D_NM) - 1.491).abs() < 2e-3);
+}
+
+#[test]
+fn coatings_of_a_zemax_file_are_read_by_their_names() {
+    let lens = |first: &str, second: &str| {
+        let text = with_head("ENPD 10", "INFINITY", &format!(" COAT {first}\n"));
+        read(Format::Zemax, &text.replace(" CURV -0.01\n", &format!(" CURV -0.01\n COAT {second}\n")))
+    };
+    let p = lens("AR", "HEAR1");
+    assert_eq!(p.surfaces[0].coating, Some(Coating::MagnesiumFluoride));
+    assert_eq!(p.surfaces[1].coating, Some(Coating::Recipe(Recipe::ThreeLayer, DESIGN_NM)));
+    for taken in ["coating AR is taken for a quarter wave of MgF2", "coating HEAR1 is taken for"] {
+        assert_eq!(p.notes.iter().filter(|n| n.contains(taken)).count(), 1, "{:?}", p.notes);
+    }
+    let p = lens("EO_99", "EO_99");
+    assert!(p.surfaces.iter().all(|s| s.coating.is_none()));
+    assert!(p.notes.iter().any(|n| n.ends_with("are left out: EO_99")), "{:?}", p.notes);
+    assert!(!lens("NULL", "").notes.iter().any(|n| n.contains("coating")));
+}
+
 #[test]
 fn indices_beyond_what_is_known_are_noted() {
     let lens = |glass: &str| format!("RDM; EPD 5; WL 1550; SO 0 1e12; S 50 4 {glass}; STO; S -50 45; SI 0 0");
@@ -74,6 +174,25 @@ fn indices_beyond_what_is_known_are_noted() {
     assert!(p.notes.iter().any(|n| n.contains("1550 nm is extrapolated")), "{:?}", p.notes);
     let p = read(Format::CodeV, &lens("NBK7_SCHOTT"));
     assert!(!p.notes.iter().any(|n| n.contains("extrapolated")), "{:?}", p.notes);
+}
+
+#[test]
+fn six_digits_are_a_glass_code_in_code_v() {
+    let lens = |glass: &str| format!("RDM; EPD 5; SO 0 1e12; S 50 4 {glass}; STO; S -50 45; SI 0 0");
+    for code in ["517642", "517.642"] {
+        let glass = read(Format::CodeV, &lens(code)).surfaces[0].glass.clone();
+        assert!((glass.index(D_NM) - 1.517).abs() < 1e-9 && (glass.abbe() - 64.2).abs() < 1e-6, "{code}: {glass:?}");
+    }
+    assert!(error(Format::CodeV, &lens("51764")).contains("51764"));
+}
+
+#[test]
+fn files_with_the_line_ends_of_old_macintoshes_are_read() {
+    for text in [with_head("ENPD 10\nWAVM 1 0.55 1", "INFINITY", ""), with_head("ENPD 10\r\nWAVM 1 0.55 1", "INFINITY", "")] {
+        let p = read(Format::Zemax, &text);
+        let old = read(Format::Zemax, &text.replace("\r\n", "\n").replace('\n', "\r"));
+        assert_eq!((p.surfaces, p.usage), (old.surfaces, old.usage));
+    }
 }
 
 #[test]

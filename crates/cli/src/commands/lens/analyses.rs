@@ -93,7 +93,7 @@ fn distortion(asked: &Bench, global: &GlobalFlags) -> anyhow::Result<()> {
     writeln!(
         t,
         "  {:>8} {:>12} {:>12} {:>12} {:>12} {:>12} {:>14} {:>14}",
-        "field °", "height mm", "f tan θ mm", "distortion %", "f θ mm", "from f θ %", "tang. focus mm", "sag. focus mm"
+        "field °", "height mm", "ideal mm", "distortion %", "equidist. mm", "departure %", "tang. focus mm", "sag. focus mm"
     )?;
     // From 90° on there is no rectilinear image, on the axis no distortion.
     let cell = |v: f64, digits: usize| if v.is_finite() { format!("{v:.digits$}") } else { "-".into() };
@@ -111,6 +111,14 @@ fn distortion(asked: &Bench, global: &GlobalFlags) -> anyhow::Result<()> {
             p.focus[1]
         )?;
     }
+    let [ideal, equidistant] = match table.object_distance {
+        None => ["f tan θ", "f θ"],
+        Some(_) => ["the paraxial magnification of the object's height", "the same with θ for tan θ"],
+    };
+    writeln!(
+        t,
+        "  distortion is from the ideal height, {ideal}; departure from the equidistant one, {equidistant}: both carried along the chief ray from the paraxial focus to the film"
+    )?;
     if points[0].axial_height.abs() > 1e-6 {
         let origin = points[0].axial_height;
         writeln!(t, "  the axis is imaged at y {origin:.5} mm: ideal heights and distortion count from there")?;

@@ -8,9 +8,8 @@ use anyhow::anyhow;
 use diopter::lens::analysis::{self, VISUAL_NM};
 use diopter::lens::compound::{Configured, FilmPlace, configure, printed_focal_length};
 use diopter::lens::draw::Figure;
-use diopter::lens::glass::D_NM;
 use diopter::lens::paraxial::FirstOrder;
-use diopter::lens::prescription::{ApertureKind, WAVELENGTHS_NM};
+use diopter::lens::prescription::WAVELENGTHS_NM;
 use diopter::lens::{Focus, Prescription, State, System};
 use diopter::quantity::{Distance, FNumber, LengthMm};
 use diopter::shot::{ShotError, read_lens};
@@ -66,15 +65,7 @@ impl Table {
         for note in &prescription.notes {
             say(&format!("note: {note}"));
         }
-        let stated = match prescription.usage.aperture {
-            Some(ApertureKind::FNumber(n)) => Some(n),
-            Some(ApertureKind::EntrancePupil(d)) => {
-                let s = System::at(&prescription, State::default());
-                let efl = FirstOrder::of(&s, &s.indices(D_NM)).efl;
-                (efl / d > 0.1).then_some(efl / d)
-            }
-            _ => None,
-        };
+        let stated = prescription.used_f_number();
         let focus = asked.focus.map(|f| Focus::at_mm(f.0 * 1000.0));
         let film = focus.map_or(FilmPlace::AsPublished, FilmPlace::Focused);
         let aperture = asked.aperture.map(|a| a.0);
@@ -144,17 +135,22 @@ impl Table {
         analysis::Bench { system: &self.set.system, object_distance: self.object_distance }
     }
 
+    /// Name, focal length and f-number at the reference wavelength, the object's distance, and what is shown.
     pub(super) fn title(&self, what: &str) -> String {
         let object = match self.object_distance {
             None => String::new(),
             Some(d) => format!(", object at {:.2} m", d / 1000.0),
         };
-        format!("{}   {:.4} mm f/{:.2}{object}   {what}", self.prescription.name, self.set.efl, self.set.f_number)
+        let efl = self.set.efl * self.dispersion_of_focal_length();
+        format!("{}   {efl:.4} mm f/{:.2}{object}   {what}", self.prescription.name, self.f_number())
             .replacen(".0000 mm", " mm", 1)
     }
 
-    /// Focal length at the reference wavelength over that at the d line, focused at infinity: f-numbers go with it.
+    /// Focal length at the reference wavelength over that at the d line, focused at infinity: f-numbers go with it. 1 of openings alone.
     pub(super) fn dispersion_of_focal_length(&self) -> f64 {
+        if self.prescription.is_openings_alone() {
+            return 1.0;
+        }
         let far = System::at(&self.prescription, State { focus: 0.0, ..self.set.state });
         FirstOrder::of(&far, &far.indices(self.reference)).efl / self.set.efl
     }

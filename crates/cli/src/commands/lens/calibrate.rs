@@ -140,8 +140,11 @@ impl Calibrate {
             true => Some(ray_table::trace(&lens, &film, which)?),
             false => None,
         };
-        for (format, output) in formats.into_iter().zip(outputs) {
-            let path = write(format, output, &calibration, &lens, table.as_ref())?;
+        // All that a format may refuse is known before the first file is written.
+        let text = |format: &Format| calibration.text(*format).map_err(|e| UsageError(e.into()));
+        let texts = formats.iter().map(|f| f.is_text().then(|| text(f)).transpose()).collect::<Result<Vec<_>, _>>()?;
+        for ((format, text), output) in formats.into_iter().zip(texts).zip(outputs) {
+            let path = write(format, text, output, &calibration, &lens, table.as_ref())?;
             say(&format!("wrote {}", path.display()));
         }
         if global.json {
@@ -290,18 +293,19 @@ fn lens(args: &Calibrate, film: &Film) -> anyhow::Result<Lens> {
     Ok(Lens::Compound(Box::new(lens)))
 }
 
-/// Writes one file.
+/// Writes one file: its text, or of a table of pixels the table.
 fn write(
     format: Format,
+    text: Option<String>,
     output: Output,
     calibration: &Calibration,
     lens: &Lens,
     table: Option<&RayTable>,
 ) -> anyhow::Result<std::path::PathBuf> {
-    let Some(table) = table.filter(|_| !format.is_text()) else {
-        let text = calibration.text(format).map_err(|e| UsageError(e.into()))?;
+    if let Some(text) = text {
         return output.commit(|to| Ok(to.write_all(text.as_bytes())?));
-    };
+    }
+    let table = table.ok_or_else(|| anyhow!("{format:?}: no table was traced for it"))?;
     let straight = Straight::of(&calibration.model);
     let seen = |ray| seen_from_camera(lens, ray);
     output.commit(|to| {

@@ -117,7 +117,11 @@ impl Info {
         writeln!(t, "  length            {length:.4} mm, film at {:.4} mm", system.film_z)?;
         if let Some((circle, lit)) = circle {
             let radius = 0.5 * circle;
-            let dark = if lit < radius { ": the rims of the prescription stop all light beyond" } else { "" };
+            let dark = match system.dark_glass().filter(|_| lit < radius) {
+                Some(glass) => format!(": {} has no index in visible light", glass.written()),
+                None if lit < radius => ": the rims of the prescription stop all light beyond".into(),
+                None => String::new(),
+            };
             writeln!(t, "  image circle      {circle} mm stated; lit to {lit:.2} mm of {radius:.2} mm from its middle{dark}")?;
         }
         writeln!(t, "  Petzval sum       {:.6} /mm (radius {:.2} mm)", f.petzval_sum, 1.0 / f.petzval_sum)?;

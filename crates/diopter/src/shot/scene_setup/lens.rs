@@ -387,6 +387,13 @@ pub(super) fn warn_of_dark_corners(name: &str, lens: &CompoundLens, film: &Film,
     if lit > 0.995 * corner {
         return;
     }
+    if let Some(glass) = lens.system().dark_glass() {
+        let glass = glass.written();
+        warn(&format!(
+            "{name} lights nothing: its glass {glass} has no index in visible light (400 to 700 nm), which ends in it"
+        ));
+        return;
+    }
     let remedy = format::FORMATS
         .iter()
         .filter(|f| 0.5 * f.diagonal_mm() <= lit)

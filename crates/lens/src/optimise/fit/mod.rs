@@ -29,7 +29,7 @@ use crate::compound::{Configured, FilmPlace, configure, opening, stop_radius, wi
 use crate::paraxial::FirstOrder;
 use crate::prescription::{Prescription, PrescriptionError};
 use crate::system::{State, System};
-use crate::tolerance::{colors_of, stated_aperture};
+use crate::tolerance::colors_of;
 use crate::{Focus, LensError};
 use predict::{Conditions, Group, groups, predict};
 
@@ -185,7 +185,7 @@ impl LensFit {
             return Err(wrong(0, format!("lens \"{}\": expected a lens with a focal length", lens.name)));
         }
         let focus = sheet.focus_m.map_or(Focus::Infinity, |d| Focus::at_mm(1000.0 * d));
-        let aperture = sheet.aperture.or_else(|| stated_aperture(lens));
+        let aperture = sheet.aperture.or_else(|| lens.used_f_number());
         let place = FilmPlace::Focused(focus);
         let set = match configure(lens, sheet.focal_length, aperture, None, place) {
             // The lens's own aperture may be more than its rims let through.

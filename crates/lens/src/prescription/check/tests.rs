@@ -36,6 +36,24 @@ fn double_gauss(aperture: ApertureKind, missing: &[usize]) -> Prescription {
 }
 
 #[test]
+fn impossible_apertures_and_distances_are_told_in_words() {
+    let refused = |aperture: ApertureKind, object: Option<f64>| {
+        let mut p = embedded("double-gauss-50mm").unwrap();
+        (p.usage.aperture, p.usage.object_distance) = (Some(aperture), object);
+        p.checked("x.zmx").unwrap_err().to_string()
+    };
+    for (aperture, says) in [
+        (ApertureKind::EntrancePupil(-10.0), "x.zmx: entrance pupil diameter -10 mm: expected a positive number"),
+        (ApertureKind::FNumber(0.0), "x.zmx: f-number 0: expected a positive number"),
+        (ApertureKind::ObjectNa(1.5), "x.zmx: numerical aperture of the object's side 1.5: expected a positive number below 1"),
+    ] {
+        assert_eq!(refused(aperture, None), says);
+    }
+    let object = refused(ApertureKind::FNumber(4.0), Some(0.0));
+    assert!(object.starts_with("x.zmx: object distance 0 mm: expected a positive length"), "{object}");
+}
+
+#[test]
 fn an_entrance_pupil_that_rims_clip_is_noted() {
     let clipped = double_gauss(ApertureKind::EntrancePupil(30.0), &[]);
     let note = clipped.notes.iter().find(|n| n.contains("entrance pupil of 30.0000 mm"));
