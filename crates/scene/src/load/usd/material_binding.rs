@@ -1,5 +1,6 @@
 //! Materials as prims use them.
 
+use super::stage::Fingerprint;
 use crate::texture::{Image, Scalar};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -20,7 +21,7 @@ pub struct Bound {
 #[derive(Default)]
 pub struct Shaders {
     pub by_path: HashMap<String, Option<Bound>>,
-    pub by_opinions: HashMap<Vec<(usize, String)>, Bound>,
+    pub by_opinions: HashMap<Fingerprint, Bound>,
     pub plain: HashMap<Option<[u32; 3]>, u32>,
     pub pictures: HashMap<String, Option<Arc<Image>>>,
 }

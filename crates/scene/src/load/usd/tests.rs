@@ -504,3 +504,19 @@ fn displacement_moves_points_along_their_normals() {
         assert!((p.z - expected).abs() < 3e-3, "{p}: {expected}");
     }
 }
+
+#[test]
+fn copies_at_other_times_are_other_meshes() {
+    let points = "point3f[] points.timeSamples = { 0: [(0, 0, 0), (1, 0, 0), (1, 1, 0)], 10: [(0, 0, 0), (2, 0, 0), (2, 2, 0)] }";
+    let still = "point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0)]";
+    let meshes = |points: &str| {
+        let file = format!(
+            "#usda 1.0\n( defaultPrim = \"A\" )\ndef Xform \"A\" {{ def Mesh \"m\" {{ int[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\nuniform token subdivisionScheme = \"none\"\n{points} }} }}"
+        );
+        let fetch = move |_: &str| Ok(file.clone().into_bytes());
+        let text = "#usda 1.0\ndef \"X\" ( references = @a.usda@ ) {}\ndef \"Y\" ( references = @a.usda@ (offset = -10) ) {}\ndef \"Z\" ( references = @a.usda@ ) {}";
+        load(text.into(), "t.usda", &fetch).unwrap().meshes.iter().map(|m| m.positions[1].x).collect::<Vec<_>>()
+    };
+    assert_eq!(meshes(points), [1.0, 2.0]);
+    assert_eq!(meshes(still), [1.0]);
+}

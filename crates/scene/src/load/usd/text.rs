@@ -397,6 +397,7 @@ impl Parser<'_> {
                         | Key::Clips
                         | Key::DefaultPrim
                         | Key::FramesPerSecond
+                        | Key::Instanceable
                         | Key::Interpolation
                         | Key::MetersPerUnit
                         | Key::StartTimeCode

@@ -5,7 +5,7 @@ use super::layer::{Key, Value};
 use super::material_binding::Shaders;
 use super::mesh_parts::Part;
 use super::skeleton_binding::{Binding, Bones};
-use super::stage::{Prim, Stage};
+use super::stage::{Fingerprint, Prim, Stage};
 use crate::SceneError;
 use crate::load::Fetch;
 use crate::motion::{Channel, Local, Node};
@@ -86,7 +86,7 @@ pub(super) enum Form {
 #[derive(PartialEq, Eq, Hash)]
 pub(super) enum FormKey {
     /// Opinions, materials, and whether a skeleton may bend it.
-    Mesh(Vec<(usize, String)>, Vec<u32>, bool),
+    Mesh(Fingerprint, Vec<u32>, bool),
     Solid(String, Vec<u64>, u32),
 }
 

@@ -7,6 +7,9 @@ use std::sync::Arc;
 /// A time code and the numbers then.
 pub type TimeSample = (f64, Arc<[f64]>);
 
+/// Stack, path and time shift of each opinion.
+pub type Fingerprint = Vec<(usize, String, [u64; 2])>;
+
 /// A value and the layer that says it.
 pub struct Found {
     pub value: Value,
@@ -167,8 +170,13 @@ impl Stage<'_> {
         }))
     }
 
-    /// What tells prims apart: two of the same have the same opinions, wherever they stand in the scene.
-    pub fn fingerprint(&self, prim: &Prim) -> Vec<(usize, String)> {
-        prim.sites.iter().map(|s| (s.stack, s.path.clone())).collect()
+    /// What tells prims apart: two of the same have the same opinions, at the same times, wherever they stand in the scene.
+    pub fn fingerprint(&self, prim: &Prim) -> Fingerprint {
+        let of = |s: &Site| {
+            let is_sampled = self.stacks[s.stack].layers.iter().any(|(l, _)| self.layers[*l].has_samples(&s.path));
+            let shift = if is_sampled { s.link.shift } else { TimeShift::NONE };
+            (s.stack, s.path.clone(), [shift.offset, shift.scale].map(f64::to_bits))
+        };
+        prim.sites.iter().map(of).collect()
     }
 }
