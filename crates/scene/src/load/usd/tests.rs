@@ -401,7 +401,9 @@ fn cameras_have_their_angle_and_lens() {
     // 50 mm at f/2: 12.5 mm of radius; sharp at 3 m.
     let [radius, focus] = view.lens.unwrap();
     assert!((radius - 0.0125).abs() < 1e-6 && (focus - 3.0).abs() < 1e-5);
-    assert!((view.film.diagonal_mm.unwrap() - 36f64.hypot(24.0)).abs() < 1e-9 && view.film.size == Some([640, 360]));
+    // Made wider, as the picture is.
+    let wide = (24.0 * 640.0 / 360.0f64).hypot(24.0);
+    assert!((view.film.diagonal_mm.unwrap() - wide).abs() < 1e-9 && view.film.size == Some([640, 360]));
     let place = view.world_from_camera;
     assert!((place.transform_point3(Vec3::ZERO) - Vec3::X).length() < 1e-5);
     assert!((place.transform_vector3(Vec3::NEG_Z) - Vec3::NEG_X).length() < 1e-5);
@@ -519,4 +521,70 @@ fn copies_at_other_times_are_other_meshes() {
     };
     assert_eq!(meshes(points), [1.0, 2.0]);
     assert_eq!(meshes(still), [1.0]);
+}
+
+#[test]
+fn pictures_fit_apertures_by_the_policy_of_their_settings() {
+    let camera = "def Camera \"c\" { float focalLength = 50\nfloat horizontalAperture = 20\nfloat verticalAperture = 10 }";
+    let view = |settings: &str, camera: &str| {
+        let d = read(&format!("{camera}\ndef RenderSettings \"s\" {{ {settings} }}\ndef Mesh \"m\" {{ {QUAD} }}"));
+        let CameraProjection::Perspective { vertical_fov } = d.cameras[0].sight else { panic!("a perspective") };
+        (f64::from(vertical_fov), d.cameras[0].film.diagonal_mm.unwrap(), d.warnings.join("\n"))
+    };
+    // Heights of the aperture over its focal length, and its diagonal.
+    for (policy, tangent, sides) in [
+        ("", 0.4, [20.0, 20.0]),
+        ("expandAperture", 0.4, [20.0, 20.0]),
+        ("cropAperture", 0.2, [10.0, 10.0]),
+        ("adjustApertureWidth", 0.2, [10.0, 10.0]),
+        ("adjustApertureHeight", 0.4, [20.0, 20.0]),
+        ("adjustPixelAspectRatio", 0.2, [20.0, 10.0]),
+    ] {
+        let said = if policy.is_empty() { String::new() } else { format!("token aspectRatioConformPolicy = \"{policy}\"\n") };
+        let (fov, diagonal, warnings) = view(&format!("{said}int2 resolution = (64, 64)"), camera);
+        assert!((fov - 2.0 * (0.5f64 * tangent).atan()).abs() < 1e-6, "{policy}: {fov}");
+        assert!((diagonal - f64::hypot(sides[0], sides[1])).abs() < 1e-9, "{policy}: {diagonal}");
+        assert_eq!(warnings.contains("pixels that are no squares"), policy == "adjustPixelAspectRatio");
+    }
+    // Wider than the aperture.
+    let (fov, ..) = view("int2 resolution = (400, 100)", camera);
+    assert!((fov - 2.0 * 0.1f64.atan()).abs() < 1e-6, "{fov}");
+    let (_, _, warnings) = view("", &camera.replace("float focal", "float horizontalApertureOffset = 5\nfloat focal"));
+    assert!(warnings.contains("aperture offsets"), "{warnings}");
+}
+
+#[test]
+fn invisible_cameras_are_found_and_changes_of_visibility_told() {
+    let d = read(&format!(
+        "def Camera \"a\" {{ token visibility = \"invisible\" }}\n\
+        def Xform \"g\" {{ token visibility = \"invisible\"\ndef Camera \"b\" {{}}\ndef Mesh \"hidden\" {{ {QUAD} }}\ndef SphereLight \"dark\" {{}} }}\n\
+        def Mesh \"m\" {{ {QUAD} token visibility.timeSamples = {{ 0: \"inherited\", 10: \"invisible\" }} }}\n\
+        def Mesh \"same\" {{ {QUAD} token visibility.timeSamples = {{ 0: \"inherited\", 10: \"inherited\" }} }}"
+    ));
+    assert_eq!(d.cameras.iter().map(|c| c.name.as_str()).collect::<Vec<_>>(), ["a", "b"]);
+    assert_eq!(d.objects.iter().map(|o| o.name.as_str()).collect::<Vec<_>>(), ["m", "same"]);
+    assert!(d.warnings.iter().any(|w| w.contains("visibility that changes (1)")), "{:?}", d.warnings);
+}
+
+#[test]
+fn solids_may_have_no_radius() {
+    let d = read(
+        "def Sphere \"none\" { double radius = 0 }\ndef Cylinder_1 \"c\" { double radiusTop = 0\ndouble radiusBottom = 1\ndouble height = 2 }",
+    );
+    assert_eq!(d.objects.len(), 1);
+    let mesh = &d.meshes[0];
+    let widest = |top: bool| {
+        let at = mesh.positions.iter().filter(|p| (p.z > 0.0) == top);
+        at.fold(0.0f32, |m, p| m.max(p.truncate().length()))
+    };
+    assert!(widest(true) < 1e-6 && (widest(false) - 1.0).abs() < 1e-6, "{} {}", widest(true), widest(false));
+}
+
+#[test]
+fn without_a_surface_the_error_says_what_was_left_out() {
+    let text = "#usda 1.0\ndef \"X\" ( references = @nofile.usda@ ) {}\ndef Points \"p\" {}";
+    let e = load(text.into(), "t.usda", &none).unwrap_err().to_string();
+    let expected =
+        "t.usda: no surface; files that could not be read: nofile.usda (no files here); left out: points (1); expected a Mesh";
+    assert!(e.starts_with(expected), "{e}");
 }

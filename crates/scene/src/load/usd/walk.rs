@@ -5,7 +5,7 @@ use super::layer::{Key, Value};
 use super::material_binding::Bound;
 use super::mesh_parts::{MeshPart, Meshes, Part};
 use super::stage::{Prim, Stage};
-use super::world::{Drawn, Form, FormKey, MOST_OBJECTS, Place, Read, World, affine};
+use super::world::{Drawn, Form, FormKey, MOST_OBJECTS, Place, Read, SHOWN_WITHOUT, World, affine};
 use super::{camera, curves, error, light, skeleton, subdivision, transform};
 use crate::load::pbrt::shapes;
 use crate::load::{DisplacedSurface, displaced};
@@ -39,6 +39,7 @@ impl World<'_> {
             world: self.root,
             material: None,
             color: None,
+            invisible: false,
             hidden: false,
             instancers: 0,
             in_skel_root: false,
@@ -51,10 +52,10 @@ impl World<'_> {
             self.walk(children, place)?;
         }
         self.build()?;
+        camera::conform(&mut self);
         let missing = &self.stage.missing;
         if !missing.is_empty() {
-            let text =
-                format!("{}: files that could not be read, without which the scene is shown: {}", self.name, missing.join(", "));
+            let text = format!("{}: files that could not be read{SHOWN_WITHOUT}: {}", self.name, missing.join(", "));
             self.description.warnings.push(text);
         }
         if !self.left_out.is_empty() {
@@ -65,9 +66,6 @@ impl World<'_> {
             let animation = Animation { name: "time samples".into(), channels: self.channels };
             self.description.animations.push(animation);
             self.description.playing = AnimationPlayback { animations: vec![0], ending: Extrapolation::Clamp, frozen_at_s: None };
-        }
-        for view in &mut self.description.cameras {
-            view.film.size = self.size;
         }
         Ok(self.description)
     }
@@ -102,10 +100,14 @@ impl World<'_> {
         let text = |stage: &Stage, name: &str| -> Read<Option<Arc<str>>> {
             Ok(stage.value(prim, name)?.as_ref().and_then(Value::text).cloned())
         };
-        if text(&self.stage, "visibility")?.is_some_and(|v| &*v == "invisible") {
+        let mut outer = outer;
+        outer.invisible |= text(&self.stage, "visibility")?.is_some_and(|v| &*v == "invisible");
+        if self.stage.is_changing_text(prim, "visibility")? {
+            self.skip_unsupported("visibility that changes");
+        }
+        if outer.invisible && !self.holds_camera(prim) {
             return Ok(None);
         }
-        let mut outer = outer;
         if let Some(purpose) = text(&self.stage, "purpose")? {
             outer.hidden = matches!(&*purpose, "proxy" | "guide");
         }
@@ -129,6 +131,8 @@ impl World<'_> {
             place.class = Some(class);
         }
         match &*kind {
+            "Camera" => camera::add(self, prim, &place)?,
+            _ if place.invisible => (),
             "PointInstancer" if place.hidden => return Ok(None),
             "Mesh" | "Sphere" | "Cube" | "Cylinder" | "Cone" | "Capsule" | "Plane" | "Cylinder_1" | "Capsule_1"
             | "BasisCurves"
@@ -142,7 +146,6 @@ impl World<'_> {
                 self.instances(prim, &place)?;
                 return Ok(None);
             }
-            "Camera" => camera::add(self, prim, &place)?,
             "DistantLight" | "SphereLight" | "RectLight" | "DiskLight" | "CylinderLight" | "DomeLight" | "DomeLight_1" => {
                 light::add(self, &kind, prim, &place)?;
             }
@@ -155,6 +158,22 @@ impl World<'_> {
             _ => (),
         }
         Ok(Some(place))
+    }
+
+    /// Whether a prim is a camera, or one is below it. What cannot be read holds none.
+    fn holds_camera(&mut self, prim: &Arc<Prim>) -> bool {
+        let mut open = vec![prim.clone()];
+        while let Some(prim) = open.pop() {
+            if !self.stage.is_drawn(&prim).unwrap_or(false) {
+                continue;
+            }
+            match self.stage.type_name(&prim).as_deref() {
+                Ok("Camera") => return true,
+                Ok("PointInstancer" | "Mesh" | "Material") | Err(_) => (),
+                Ok(_) => open.extend(self.stage.children(&prim).unwrap_or_default()),
+            }
+        }
+        false
     }
 
     /// The class that a prim gives itself and all below it: the first label of the taxonomies `class` and `category` (OpenUSD, UsdSemantics), or what Omniverse wrote before these.
@@ -314,7 +333,7 @@ impl World<'_> {
     fn solid(&mut self, kind: &str, prim: &Prim, place: &Place) -> Read<()> {
         let material = self.bound(place.material.as_ref(), place.color, false)?.number;
         let number = |name: &str, default: f64| -> Read<f64> {
-            Ok(self.stage.value(prim, name)?.and_then(|v| v.number()).filter(|v| v.is_finite() && *v > 0.0).unwrap_or(default))
+            Ok(self.stage.value(prim, name)?.and_then(|v| v.number()).filter(|v| v.is_finite() && *v >= 0.0).unwrap_or(default))
         };
         let axis = self.stage.value(prim, "axis")?.as_ref().and_then(Value::text).map_or("Z".to_owned(), |a| a.to_string());
         let sizes = match kind {
@@ -330,6 +349,15 @@ impl World<'_> {
                 vec![number("radiusBottom", radius)?, number("radiusTop", radius)?, number("height", 2.0)?]
             }
         };
+        let is_empty = match (kind, &sizes[..]) {
+            ("Plane", [width, length]) => width * length == 0.0,
+            (_, [size]) => *size == 0.0,
+            (_, [bottom, top, ..]) => bottom.max(*top) == 0.0,
+            _ => false,
+        };
+        if is_empty {
+            return Ok(());
+        }
         let key = FormKey::Solid(format!("{kind} {axis}"), sizes.iter().map(|s| s.to_bits()).collect(), material);
         let form = self.form(key, || match kind {
             "Sphere" => Form::Ball { radius: sizes[0], material },

@@ -15,6 +15,8 @@ use glam::{Affine3A, DMat4, DVec3, Vec3};
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
+/// What a warning says of files that are missing, where something is shown.
+pub(super) const SHOWN_WITHOUT: &str = ", without which the scene is shown";
 /// Most things in a scene.
 pub(super) const MOST_OBJECTS: usize = 1 << 24;
 
@@ -31,6 +33,8 @@ pub(super) struct Place {
     pub material: Option<(String, bool)>,
     /// Colour of what has no material.
     pub color: Option<Vec3>,
+    /// Whether it or what is around it is invisible: only cameras are looked for.
+    pub invisible: bool,
     /// Whether its purpose, its own or that of what is around it, is not to be drawn.
     pub hidden: bool,
     /// How many instancers are around.
@@ -90,6 +94,17 @@ pub(super) enum FormKey {
     Solid(String, Vec<u64>, u32),
 }
 
+/// What becomes of an aperture whose sides are not those of the picture. Source: OpenUSD, `UsdRenderSettingsBase`, `aspectRatioConformPolicy`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Conform {
+    Expand,
+    Crop,
+    Width,
+    Height,
+    /// It stays, and pixels are no squares.
+    Pixels,
+}
+
 pub(super) struct World<'a> {
     pub name: String,
     pub stage: Stage<'a>,
@@ -109,7 +124,10 @@ pub(super) struct World<'a> {
     pub skeletons: HashMap<Arc<str>, Place>,
     /// Skeletons that were asked for; `None` of those that hold nothing.
     pub bones: HashMap<Arc<str>, Option<Arc<Bones>>>,
-    pub size: Option<[usize; 2]>,
+    /// Columns and rows of the picture, and how apertures are made to fit them.
+    pub size: Option<([usize; 2], Conform)>,
+    /// Apertures of the cameras over their focal lengths, horizontal and vertical.
+    pub apertures: Vec<[f64; 2]>,
 }
 
 pub(super) type Read<T> = Result<T, SceneError>;
@@ -146,6 +164,7 @@ impl<'a> World<'a> {
             skeletons: HashMap::new(),
             bones: HashMap::new(),
             size: None,
+            apertures: vec![],
         })
     }
 

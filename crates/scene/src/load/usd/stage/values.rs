@@ -125,6 +125,19 @@ impl Stage<'_> {
         Ok(None)
     }
 
+    /// Whether an attribute of words has samples that differ.
+    pub fn is_changing_text(&self, prim: &Prim, name: &str) -> Read<bool> {
+        let Some(Found { value: Value::Samples(list), layer, .. }) = self.attribute(prim, name)? else { return Ok(false) };
+        let mut first: Option<Option<Arc<str>>> = None;
+        for (_, field) in list.iter() {
+            let text = self.layers[layer].read(field)?.text().cloned();
+            if *first.get_or_insert_with(|| text.clone()) != text {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
     /// Names of the in-between shapes of a blend shape, in order: "inbetweens:half".
     pub fn inbetweens(&self, prim: &Prim) -> Vec<String> {
         let mut names: Vec<String> = self
