@@ -262,12 +262,16 @@ pub struct Layer {
     pub data: Option<Box<dyn PackedValues>>,
     /// Paths of in-between shapes and of their normals, in order: properties whose names no schema knows.
     inbetweens: Vec<Box<str>>,
+    /// Paths of relationships that bind materials to collections, in order.
+    collection_bindings: Vec<Box<str>>,
     /// Paths of prims of which an attribute has time samples.
     sampled: HashSet<Box<str>>,
 }
 
 /// What names of in-between shapes begin with. Source: OpenUSD, `UsdSkelInbetweenShape`.
 const INBETWEENS: &str = ".inbetweens:";
+/// What names of relationships begin with that bind materials to collections. Source: OpenUSD, `UsdShadeMaterialBindingAPI`.
+const COLLECTION_BINDINGS: &str = ".material:binding:collection:";
 
 impl Layer {
     /// A layer of these specs.
@@ -277,16 +281,21 @@ impl Layer {
             paths.sort_unstable();
             paths
         };
-        let inbetweens = in_order(INBETWEENS);
+        let (inbetweens, collection_bindings) = (in_order(INBETWEENS), in_order(COLLECTION_BINDINGS));
         let has_samples = |spec: &Spec| spec.fields.iter().any(|(key, _)| *key == Key::TimeSamples);
         let sampled = specs.iter().filter(|(_, spec)| has_samples(spec)).filter_map(|(path, _)| path.rsplit_once('.'));
         let sampled = sampled.map(|(prim, _)| prim.into()).collect();
-        Layer { name: name.to_owned(), folder, specs, data, inbetweens, sampled }
+        Layer { name: name.to_owned(), folder, specs, data, inbetweens, collection_bindings, sampled }
     }
 
     /// Whether an attribute of the prim at a path has time samples.
     pub fn has_samples(&self, path: &str) -> bool {
         self.sampled.contains(path)
+    }
+
+    /// Names of the relationships by which the prim at a path binds materials to collections: "material:binding:collection:red".
+    pub fn collection_bindings(&self, path: &str) -> impl Iterator<Item = &str> {
+        beginning_with(&self.collection_bindings, format!("{path}{COLLECTION_BINDINGS}"), path.len() + 1)
     }
 
     /// Names of the in-between shapes of the prim at a path: "inbetweens:half".

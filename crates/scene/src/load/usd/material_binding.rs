@@ -20,8 +20,23 @@ pub struct Bound {
 /// Materials and pictures that were read.
 #[derive(Default)]
 pub struct Shaders {
-    pub by_path: HashMap<String, Option<Bound>>,
-    pub by_opinions: HashMap<Fingerprint, Bound>,
-    pub plain: HashMap<Option<[u32; 3]>, u32>,
+    pub by_path: HashMap<(String, DisplayColor), Option<Bound>>,
+    pub by_opinions: HashMap<(Fingerprint, DisplayColor), Bound>,
+    /// Whether materials read display colours, by path.
+    pub display_readers: HashMap<String, bool>,
+    /// By colour and opacity.
+    pub plain: HashMap<(Option<[u32; 3]>, u32), u32>,
     pub pictures: HashMap<String, Option<Arc<Image>>>,
+    /// Pictures of which channels are turned round, with what they became.
+    pub flipped: Vec<(Arc<Image>, [bool; 3], Arc<Image>)>,
+}
+
+/// What shaders get that read `primvars:displayColor`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum DisplayColor {
+    /// The colours that the prim has itself.
+    OfPrim,
+    /// One for all of it, from a prim around it: bits of linear sRGB.
+    Inherited([u32; 3]),
+    Absent,
 }

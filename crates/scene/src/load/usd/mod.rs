@@ -12,8 +12,10 @@
 mod bending;
 mod binary;
 mod camera;
+mod collections;
 mod curves;
 mod geometry;
+mod instancer;
 mod layer;
 mod light;
 mod material;
@@ -29,6 +31,8 @@ mod transform;
 mod walk;
 mod world;
 
+#[cfg(test)]
+mod material_tests;
 #[cfg(test)]
 mod skeleton_tests;
 #[cfg(test)]

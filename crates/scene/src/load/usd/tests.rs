@@ -11,15 +11,15 @@ use glam::{Vec2, Vec3};
 const TEXT: &str = include_str!("tests/box.usda");
 const BINARY: &[u8] = include_bytes!("tests/box.usdc");
 
-fn none(_: &str) -> Result<Vec<u8>, String> {
+pub fn none(_: &str) -> Result<Vec<u8>, String> {
     Err("no files here".into())
 }
 
-fn read(body: &str) -> Description {
+pub fn read(body: &str) -> Description {
     load(format!("#usda 1.0\n( metersPerUnit = 1 )\n{body}").into(), "t.usda", &none).unwrap_or_else(|e| panic!("{e}"))
 }
 
-const QUAD: &str = "int[] faceVertexCounts = [4]\nint[] faceVertexIndices = [0, 1, 2, 3]\n\
+pub const QUAD: &str = "int[] faceVertexCounts = [4]\nint[] faceVertexIndices = [0, 1, 2, 3]\n\
     point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]\nuniform token subdivisionScheme = \"none\"\n";
 
 #[test]

@@ -1,5 +1,6 @@
 //! The [`Description`] in the making: what is drawn where, and what readers of prims ask of it.
 
+use super::collections::Bindings;
 use super::error;
 use super::layer::{Key, Value};
 use super::material_binding::Shaders;
@@ -29,10 +30,14 @@ pub(super) struct Place {
     pub local: DMat4,
     /// The prim's space in the world at the scene's first time.
     pub world: DMat4,
-    /// Path of the material, and whether it is stronger than those below.
-    pub material: Option<(String, bool)>,
-    /// Colour of what has no material.
+    /// What it and what is around it bind materials to.
+    pub bindings: Option<Arc<Bindings>>,
+    /// Colour of what has no material, and of what reads it.
     pub color: Option<Vec3>,
+    /// Opacity of what has no material.
+    pub opacity: Option<f32>,
+    /// The material that stands for the colours of an instancer's instances, where no colour is nearer.
+    pub instance_color: Option<u32>,
     /// Whether it or what is around it is invisible: only cameras are looked for.
     pub invisible: bool,
     /// Whether its purpose, its own or that of what is around it, is not to be drawn.
@@ -59,6 +64,15 @@ pub(super) struct Drawn {
     /// The skeleton that bends it.
     pub binding: Option<Arc<Binding>>,
     pub class: Option<Arc<str>>,
+    /// A material that another takes the place of.
+    pub recolored: Option<[u32; 2]>,
+}
+
+impl Drawn {
+    /// The material of a part of it.
+    pub fn material(&self, of_form: u32) -> u32 {
+        self.recolored.filter(|r| r[0] == of_form).map_or(of_form, |r| r[1])
+    }
 }
 
 /// What a form is made of.
@@ -204,7 +218,16 @@ impl<'a> World<'a> {
             return Err(error(&self.name, format!("more than {MOST_OBJECTS} things"), "fewer"));
         }
         let Place { node, local, world, .. } = *place;
-        self.drawn.push(Drawn { name: name.to_owned(), form, node, local, world, binding: None, class: place.class.clone() });
+        self.drawn.push(Drawn {
+            name: name.to_owned(),
+            form,
+            node,
+            local,
+            world,
+            binding: None,
+            class: place.class.clone(),
+            recolored: None,
+        });
         Ok(())
     }
 

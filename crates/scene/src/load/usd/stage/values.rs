@@ -138,6 +138,15 @@ impl Stage<'_> {
         Ok(false)
     }
 
+    /// Names of the relationships by which a prim binds materials to collections, in order: "material:binding:collection:red".
+    pub fn collection_bindings(&self, prim: &Prim) -> Vec<String> {
+        let own = self.opinions(prim).flat_map(|(layer, site, _)| self.layers[layer].collection_bindings(&site.path));
+        let mut names: Vec<String> = own.map(str::to_owned).collect();
+        names.sort_unstable();
+        names.dedup();
+        names
+    }
+
     /// Names of the in-between shapes of a blend shape, in order: "inbetweens:half".
     pub fn inbetweens(&self, prim: &Prim) -> Vec<String> {
         let mut names: Vec<String> = self
