@@ -8,6 +8,7 @@ use std::sync::Arc;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Key {
     Active,
+    ApiSchemas,
     BindMaterialAs,
     Clips,
     ConnectionPaths,
@@ -41,6 +42,7 @@ impl Key {
     pub fn named(name: &str) -> Option<Key> {
         Some(match name {
             "active" => Key::Active,
+            "apiSchemas" => Key::ApiSchemas,
             "bindMaterialAs" => Key::BindMaterialAs,
             "clips" => Key::Clips,
             "connectionPaths" => Key::ConnectionPaths,

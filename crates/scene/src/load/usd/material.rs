@@ -7,6 +7,7 @@
 mod pictures;
 
 use super::layer::Value;
+use super::light::{MaterialSync, MeshLight};
 use super::material_binding::{Bound, DisplayColor};
 use super::stage::Prim;
 use super::world::World;
@@ -14,7 +15,7 @@ use crate::SceneError;
 use crate::light::Modulation;
 use crate::material::{Coverage, Emission, EmissionColor, Material, Principled, Scattering};
 use crate::texture::{Codes, Color, Scalar};
-use diopter_light::Spectrum;
+use diopter_light::{Spectrum, color};
 use glam::Vec3;
 use std::sync::Arc;
 
@@ -60,6 +61,31 @@ impl World<'_> {
         let rgb = color.clamp(Vec3::ZERO, Vec3::ONE);
         let coverage = if opacity < 1.0 { Coverage::Blend(Scalar::Constant(opacity)) } else { Coverage::Full };
         Material { coverage, ..Material::new("display colour", Scattering::Diffuse(Color::rgb(rgb.x, rgb.y, rgb.z))) }
+    }
+
+    /// What has a material, where that is of a mesh that is a light: it shines on its front. A glow of its own tints the light, as `materialGlowTintsLight` has it.
+    pub fn shining(&mut self, bound: Bound, light: Option<&MeshLight>) -> Bound {
+        let Some(MeshLight { spectrum, sync }) = light else { return bound };
+        let rgb = color::srgb_of_light(|nm| spectrum.at(nm)).max(Vec3::ZERO);
+        let key = (bound.number, rgb.to_array().map(f32::to_bits));
+        if let Some(number) = self.shaders.shining.get(&key) {
+            return Bound { number: *number, ..bound };
+        }
+        let own = self.description.materials[bound.number as usize].clone();
+        let radiance = match own.emission.as_ref().map(|e| &e.radiance).filter(|_| *sync == MaterialSync::GlowTintsLight) {
+            Some(EmissionColor::Textured { factor, texture }) => {
+                EmissionColor::Textured { factor: *factor * rgb, texture: texture.clone() }
+            }
+            Some(EmissionColor::Constant(glow)) => {
+                EmissionColor::Constant(Spectrum::light_from_rgb(color::srgb_of_light(|nm| glow.at(nm)).max(Vec3::ZERO) * rgb))
+            }
+            _ => EmissionColor::Constant(spectrum.clone()),
+        };
+        let emission = Some(Emission { radiance, two_sided: false, is_light: true, modulation: Modulation::Steady });
+        let scattering = if *sync == MaterialSync::NoMaterial { Scattering::Black } else { own.scattering.clone() };
+        let number = self.push_material(Material { emission, scattering, ..own });
+        self.shaders.shining.insert(key, number);
+        Bound { number, ..bound }
     }
 
     /// Adds a material; gives its number.

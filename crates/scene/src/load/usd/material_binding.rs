@@ -26,6 +26,8 @@ pub struct Shaders {
     pub display_readers: HashMap<String, bool>,
     /// By colour and opacity.
     pub plain: HashMap<(Option<[u32; 3]>, u32), u32>,
+    /// Materials that shine as mesh lights, by their numbers and the light's colour.
+    pub shining: HashMap<(u32, [u32; 3]), u32>,
     pub pictures: HashMap<String, Option<Arc<Image>>>,
     /// Pictures of which channels are turned round, with what they became.
     pub flipped: Vec<(Arc<Image>, [bool; 3], Arc<Image>)>,

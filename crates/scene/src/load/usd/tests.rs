@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::light::PunctualKind;
+use crate::light::punctual::Spread;
 use crate::material::{Coverage, EmissionColor, Material, Scattering};
 use crate::motion::Motion;
 use crate::scene::{CameraProjection, Shape};
@@ -587,4 +588,47 @@ fn without_a_surface_the_error_says_what_was_left_out() {
     let expected =
         "t.usda: no surface; files that could not be read: nofile.usda (no files here); left out: points (1); expected a Mesh";
     assert!(e.starts_with(expected), "{e}");
+}
+
+#[test]
+fn shaped_lights_fall_off_with_their_focus_and_cosine() {
+    let d = read(&format!(
+        "def SphereLight \"f\" {{ float inputs:shaping:focus = 2 }}\n\
+        def DiskLight \"k\" {{ float inputs:shaping:cone:angle = 30\nfloat inputs:diffuse = 0 }}\ndef Mesh \"m\" {{ {QUAD} }}"
+    ));
+    let at = |name: &str, degrees: f32| {
+        let light = d.punctual.iter().find(|l| l.name == name).unwrap();
+        let Spread::Web(web) = &light.pattern.as_ref().unwrap().spread else { panic!("a table") };
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        web.candela(Vec3::new(0.0, sin, -cos)) / web.peak()
+    };
+    for (name, degrees, expected) in
+        [("f", 0.0, 1.0), ("f", 60.0, 0.25), ("f", 120.0, 0.0), ("k", 20.0, 0.9397), ("k", 29.9, 0.8669), ("k", 31.0, 0.0)]
+    {
+        assert!((at(name, degrees) - expected).abs() < 1e-3, "{name} {degrees}: {}", at(name, degrees));
+    }
+    let all = d.warnings.join("\n");
+    assert!(all.contains("diffuse and specular factors of lights (1)") && all.contains("a focus (2)"), "{all}");
+}
+
+#[test]
+fn meshes_can_be_lights() {
+    let mesh = |more: &str| {
+        let d = read(&format!(
+            "def Mesh \"m\" ( prepend apiSchemas = [\"MeshLightAPI\"] ) {{ {QUAD}float inputs:intensity = 3\nfloat inputs:exposure = 1\n{more} }}\n\
+            def Material \"M\" {{ token outputs:surface.connect = </M/S.outputs:surface>\ndef Shader \"S\" {{ token info:id = \"UsdPreviewSurface\"\n\
+            color3f inputs:emissiveColor = (0.5, 0.5, 0.5) }} }}"
+        ));
+        let material = d.materials[d.objects[0].material as usize].clone();
+        let emission = material.emission.as_ref().expect("it shines");
+        assert!(!emission.two_sided && emission.is_light);
+        (emission.luminance(&[Vec2::ZERO; 2]), matches!(material.scattering, Scattering::Black))
+    };
+    let close = |found: (f32, bool), nits: f32, black: bool| {
+        assert!((found.0 / nits - 1.0).abs() < 0.01 && found.1 == black, "{found:?} {nits}");
+    };
+    close(mesh(""), 6.0, false);
+    close(mesh("rel material:binding = </M>"), 3.0, false);
+    close(mesh("rel material:binding = </M>\nuniform token light:materialSyncMode = \"independent\""), 6.0, false);
+    close(mesh("rel material:binding = </M>\nuniform token light:materialSyncMode = \"noMaterialResponse\""), 6.0, true);
 }

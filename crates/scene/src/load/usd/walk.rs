@@ -300,6 +300,7 @@ impl World<'_> {
         let own = self.stage.value(prim, "primvars:displayColor")?.and_then(|v| v.floats()).map_or(0, |c| c.len() / 3);
         let mut key = self.stage.fingerprint(prim);
         let mut parts = Vec::new();
+        let light = light::of_mesh(self, prim)?;
         let material = collections::material(place.bindings.as_ref(), &prim.path).map(|m| m.0.as_str());
         if material.is_none() {
             let opacity = self.stage.value(prim, "primvars:displayOpacity")?.and_then(|v| v.floats());
@@ -308,7 +309,7 @@ impl World<'_> {
             }
         }
         let whole = self.bound(material, place, own)?;
-        parts.push(Part::new(None, &whole));
+        parts.push(Part::new(None, &self.shining(whole, light.as_ref())));
         for child in self.stage.children(prim)? {
             if &*self.stage.type_name(&child)? != "GeomSubset" || !self.stage.is_drawn(&child)? {
                 continue;
@@ -322,7 +323,7 @@ impl World<'_> {
             if of_part != material {
                 let bound = self.bound(of_part, place, own)?;
                 key.extend(self.stage.fingerprint(&child));
-                parts.push(Part::new(Some(child), &bound));
+                parts.push(Part::new(Some(child), &self.shining(bound, light.as_ref())));
             }
         }
         let key = FormKey::Mesh(key, parts.iter().map(|p| p.material).collect(), binding.is_some());

@@ -138,6 +138,19 @@ impl Stage<'_> {
         Ok(false)
     }
 
+    /// Whether an API schema is applied to a prim: "MeshLightAPI".
+    pub fn has_schema(&self, prim: &Prim, schema: &str) -> Read<bool> {
+        let mut edits = Vec::new();
+        for (layer, site, _) in self.opinions(prim) {
+            if let Some(Value::List(list)) = self.layers[layer].get(&site.path, Key::ApiSchemas)? {
+                edits.push(list);
+            }
+        }
+        let mut all: Vec<Arc<str>> = Vec::new();
+        edits.iter().rev().for_each(|e| e.apply(&mut all));
+        Ok(all.iter().any(|s| &**s == schema))
+    }
+
     /// Names of the relationships by which a prim binds materials to collections, in order: "material:binding:collection:red".
     pub fn collection_bindings(&self, prim: &Prim) -> Vec<String> {
         let own = self.opinions(prim).flat_map(|(layer, site, _)| self.layers[layer].collection_bindings(&site.path));
