@@ -10,8 +10,9 @@ use crate::SceneError;
 use std::collections::HashSet;
 use std::sync::Arc;
 
-/// Deepest that collections lie in collections.
+/// Deepest that collections lie in collections, and most that one is made of: they may include each other.
 const DEEPEST: usize = 16;
+const MOST: usize = 4096;
 
 type Read<T> = Result<T, SceneError>;
 
@@ -81,7 +82,7 @@ pub(super) fn bindings(stage: &mut Stage, prim: &Prim, outer: Option<Arc<Binding
             direct = Some((path, is_strong(stage, prim, name)?));
         }
     }
-    let (mut collections, mut has_expressions) = (Vec::new(), false);
+    let (mut collections, mut has_expressions, mut left) = (Vec::new(), false, MOST);
     let mut names = stage.collection_bindings(prim);
     names.sort_by_key(|name| match name.split(':').collect::<Vec<_>>()[..] {
         [_, _, _, "full", _, ..] => 0,
@@ -92,7 +93,7 @@ pub(super) fn bindings(stage: &mut Stage, prim: &Prim, outer: Option<Arc<Binding
         let targets = stage.targets(prim, &name, Key::TargetPaths)?;
         let (of, materials): (Vec<String>, Vec<String>) = targets.into_iter().partition(|t| t.contains(".collection:"));
         let (Some(of), Some(path)) = (of.first(), materials.into_iter().next()) else { continue };
-        match read(stage, of, DEEPEST)? {
+        match read(stage, of, DEEPEST, &mut left)? {
             Some(collection) => collections.push((collection, (path, is_strong(stage, prim, &name)?))),
             None => has_expressions = true,
         }
@@ -108,8 +109,12 @@ fn is_strong(stage: &Stage, prim: &Prim, name: &str) -> Read<bool> {
     Ok(strength.as_ref().and_then(Value::text).is_some_and(|t| &**t == "strongerThanDescendants"))
 }
 
-/// The collection at a path: "/A.collection:red"; `None` of one by a path expression.
-fn read(stage: &mut Stage, path: &str, deepest: usize) -> Read<Option<Collection>> {
+/// The collection at a path: "/A.collection:red"; `None` of one by a path expression. Beyond a depth, and when `left` are read, it holds nothing.
+fn read(stage: &mut Stage, path: &str, deepest: usize, left: &mut usize) -> Read<Option<Collection>> {
+    if deepest == 0 || *left == 0 {
+        return Ok(Some(Collection::default()));
+    }
+    *left -= 1;
     let Some((prim, name)) = path.split_once('.') else { return Ok(None) };
     let Some(prim) = stage.prim(prim)? else { return Ok(Some(Collection::default())) };
     let includes = stage.targets(&prim, &format!("{name}:includes"), Key::TargetPaths)?;
@@ -128,9 +133,8 @@ fn read(stage: &mut Stage, path: &str, deepest: usize) -> Read<Option<Collection
         holds_root,
         inner: vec![],
     };
-    // One that includes itself ends at the depth that is allowed.
-    for path in inner.iter().take(if deepest > 0 { usize::MAX } else { 0 }) {
-        match read(stage, path, deepest - 1)? {
+    for path in &inner {
+        match read(stage, path, deepest - 1, left)? {
             Some(collection) => all.inner.push(collection),
             None => return Ok(None),
         }

@@ -160,6 +160,10 @@ fn collections_are_bound_to_materials() {
     assert_eq!(of(&format!("{explicit}rel collection:red:includes = [</g/a>, </g/b>]")), "RBRG");
     assert_eq!(of("rel collection:red:includes = </g.collection:more>\nrel collection:more:includes = </g/b>"), "BBRG");
     assert_eq!(of("rel collection:red:includes = </g.collection:red>"), "BBBG");
+    // Twelve that include each other come to an end.
+    let all: Vec<String> = (0..12).map(|i| format!("</g.collection:c{i}>")).collect();
+    let each = |i: i32| format!("rel collection:c{i}:includes = [{}]\n", all.join(", "));
+    assert_eq!(of(&format!("rel collection:red:includes = {}\n{}", all[0], (0..12).map(each).collect::<String>())), "BBBG");
     assert_eq!(of("pathExpression collection:red:membershipExpression = \"/g//\""), "BBBG");
     // Stronger than descendants, and the first of two by name.
     let d = read(&format!(
@@ -181,6 +185,7 @@ fn display_opacity_counts_without_a_material() {
     let m = material_of(&d, "m");
     assert!(matches!(m.coverage, Coverage::Blend(Scalar::Constant(0.25))) && color(m) == Vec3::X);
     assert!(["solid", "bound"].iter().all(|n| matches!(material_of(&d, n).coverage, Coverage::Full)));
+    assert!(d.warnings.iter().any(|w| w.contains("display opacities of what has a material (1)")), "{:?}", d.warnings);
     let d = read(&format!(
         "def Mesh \"m\" {{ {QUAD}float[] primvars:displayOpacity = [0, 1, 1, 1] ( interpolation = \"vertex\" ) }}"
     ));

@@ -23,6 +23,8 @@ const MOST_LAYERS: usize = 65_536;
 const DEEPEST: usize = 64;
 /// Deepest that prims lie within prims.
 const DEEPEST_PRIM: usize = 256;
+/// Time codes in a second that are believed.
+const PLAUSIBLE_RATES: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
 /// Most opinions on one prim, and on all.
 const MOST_SITES: usize = 4096;
 const MOST_SITES_IN_ALL: usize = 1 << 25;
@@ -189,7 +191,8 @@ impl<'a> Stage<'a> {
     /// Time codes in a second of a layer. Source: OpenUSD, `SdfLayer::GetTimeCodesPerSecond`.
     fn time_codes_per_second(&self, layer: usize) -> Read<f64> {
         for key in [Key::TimeCodesPerSecond, Key::FramesPerSecond] {
-            if let Some(rate) = self.layers[layer].get("/", key)?.and_then(|v| v.number()).filter(|r| r.is_finite() && *r > 0.0) {
+            let rate = self.layers[layer].get("/", key)?.and_then(|v| v.number());
+            if let Some(rate) = rate.filter(|r| PLAUSIBLE_RATES.contains(r)) {
                 return Ok(rate);
             }
         }

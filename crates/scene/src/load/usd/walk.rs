@@ -280,6 +280,9 @@ impl World<'_> {
                 (false, None) => DisplayColor::Absent,
             };
             if let Some(bound) = self.material(path, read)? {
+                if place.opacity.is_some_and(|o| o < 1.0) {
+                    self.skip_unsupported("display opacities of what has a material");
+                }
                 if own == 0 && place.instance_color.is_some() && self.reads_display_color(path)? {
                     self.skip_unsupported("colours of instances that materials read");
                 }
