@@ -63,7 +63,7 @@ impl World<'_> {
         Material { coverage, ..Material::new("display colour", Scattering::Diffuse(Color::rgb(rgb.x, rgb.y, rgb.z))) }
     }
 
-    /// What has a material, where that is of a mesh that is a light: it shines on its front. A glow of its own tints the light, as `materialGlowTintsLight` has it.
+    /// The material of a mesh that is a light: it emits on its front. Emission of its own tints the light, as `materialGlowTintsLight` has it.
     pub fn shining(&mut self, bound: Bound, light: Option<&MeshLight>) -> Bound {
         let Some(MeshLight { spectrum, sync }) = light else { return bound };
         let rgb = color::srgb_of_light(|nm| spectrum.at(nm)).max(Vec3::ZERO);

@@ -29,7 +29,7 @@ pub struct Shaders {
     /// Materials that shine as mesh lights, by their numbers and the light's colour.
     pub shining: HashMap<(u32, [u32; 3]), u32>,
     pub pictures: HashMap<String, Option<Arc<Image>>>,
-    /// Pictures of which channels are turned round, with what they became.
+    /// Pictures, the channels that are inverted, and the results.
     pub flipped: Vec<(Arc<Image>, [bool; 3], Arc<Image>)>,
 }
 

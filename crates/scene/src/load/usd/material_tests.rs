@@ -46,7 +46,7 @@ fn color(material: &Material) -> Vec3 {
 }
 
 #[test]
-fn scales_below_0_turn_channels_of_normal_maps_round() {
+fn scales_below_0_invert_channels_of_normal_maps() {
     let at = |texture: &str| {
         let d = pictured("normal3f inputs:normal", "rgb", texture);
         let (map, strength) = d.materials[0].normal_map.clone().unwrap();

@@ -55,12 +55,12 @@ impl World<'_> {
         };
         // (2, 2, 2) and −1 are the usual scale and bias; without them the picture is meant all the same.
         let scale = if picture.bias.x == 0.0 { 1.0 } else { 0.5 * picture.scale.x.abs() };
-        // Scales below 0 turn channels round: green runs down in maps made for DirectX.
+        // Scales below 0 invert channels: green runs down in maps made for DirectX.
         let flips = picture.scale.truncate().to_array().map(|s| s < 0.0);
         Ok(picture.texture.map(|t| (Texture { image: self.flipped(&t.image, flips), ..t }, strength * scale)))
     }
 
-    /// A picture of which channels are 1 − what they were.
+    /// A picture with some channels inverted (1 − value).
     fn flipped(&mut self, image: &Arc<Image>, flips: [bool; 3]) -> Arc<Image> {
         if flips == [false; 3] {
             return image.clone();
