@@ -2,7 +2,7 @@
 
 use super::layer::Value;
 use super::stage::{Prim, Stage};
-use super::world::{Place, World, affine};
+use super::world::{Conform, Place, World, affine};
 use crate::SceneError;
 use crate::scene::{CameraProjection, FilmHints, Viewpoint};
 use glam::{Affine3A, DMat4};
@@ -27,6 +27,7 @@ pub fn add(world: &mut World, prim: &Prim, place: &Place) -> Result<(), SceneErr
         .try_fold(false, |any, name| Ok::<_, SceneError>(any | stage.is_animated(prim, name)?))?;
     let shutter = [number("shutter:open", 0.0)?, number("shutter:close", 0.0)?];
     let exposed = number("exposure", 0.0)? != 0.0;
+    let shifted = number("horizontalApertureOffset", 0.0)? != 0.0 || number("verticalApertureOffset", 0.0)? != 0.0;
     // Many files mean millimetres whatever their unit is.
     let mm = world.unit_m * 100.0;
     let mm = if PLAUSIBLE_MM.contains(&(width * mm)) { mm } else { 1.0 };
@@ -41,6 +42,9 @@ pub fn add(world: &mut World, prim: &Prim, place: &Place) -> Result<(), SceneErr
         (true, false) => None,
         (false, _) => Some([0.0, 1.0]),
     };
+    if shifted {
+        world.skip_unsupported("shifts of the frame (aperture offsets) of cameras");
+    }
     if moves {
         world.skip_unsupported("changes of focal length, focus and f-stop");
     }
@@ -52,6 +56,7 @@ pub fn add(world: &mut World, prim: &Prim, place: &Place) -> Result<(), SceneErr
     }
     let film = FilmHints { diagonal_mm: Some((width * mm).hypot(height * mm)), ..FilmHints::default() };
     let node = place.node.map(|_| world.node_at(place, prim.name()));
+    world.apertures.push([width / focal, height / focal]);
     world.description.cameras.push(Viewpoint {
         name: prim.name().to_owned(),
         world_from_camera: unscaled(place.world),
@@ -72,12 +77,55 @@ fn unscaled(place: DMat4) -> Affine3A {
     affine(DMat4::from_cols(x.extend(0.0), y.extend(0.0), z.extend(0.0), place.w_axis))
 }
 
-/// Columns and rows of a RenderSettings prim. `None` where there is none, or it is not 1 to 65535 a side and at most 100 million pixels. Fails where the value is damaged
-/// in its file.
-pub fn resolution(stage: &Stage, prim: &Prim) -> Result<Option<[usize; 2]>, SceneError> {
+/// Columns and rows of a RenderSettings prim, and how apertures are made to fit them. `None` where there is none, or it is not 1 to 65535 a side and at most
+/// 100 million pixels. Fails where a value is damaged in its file.
+pub fn resolution(stage: &Stage, prim: &Prim) -> Result<Option<([usize; 2], Conform)>, SceneError> {
     let size = stage.value(prim, "resolution")?.and_then(|v| v.ints());
+    let conform =
+        match stage.value(prim, "aspectRatioConformPolicy")?.as_ref().and_then(Value::text).map(|t| t.to_string()).as_deref() {
+            Some("cropAperture") => Conform::Crop,
+            Some("adjustApertureWidth") => Conform::Width,
+            Some("adjustApertureHeight") => Conform::Height,
+            Some("adjustPixelAspectRatio") => Conform::Pixels,
+            _ => Conform::Expand,
+        };
     Ok(size.and_then(|s| match s[..] {
-        [w @ 1..=65_535, h @ 1..=65_535] if i64::from(w) * i64::from(h) <= 100_000_000 => Some([w as usize, h as usize]),
+        [w @ 1..=65_535, h @ 1..=65_535] if i64::from(w) * i64::from(h) <= 100_000_000 => {
+            Some(([w as usize, h as usize], conform))
+        }
         _ => None,
     }))
+}
+
+/// Gives all cameras the size of the picture, and apertures of its sides.
+pub fn conform(world: &mut World) {
+    let Some(([columns, rows], policy)) = world.size else { return };
+    let of_picture = columns as f64 / rows as f64;
+    let mut has_other_pixels = false;
+    for (view, [width, height]) in world.description.cameras.iter_mut().zip(&world.apertures) {
+        view.film.size = Some([columns, rows]);
+        let is_wider = width / height > of_picture;
+        let by_width = match policy {
+            Conform::Expand => is_wider,
+            Conform::Crop => !is_wider,
+            Conform::Width => false,
+            Conform::Height => true,
+            Conform::Pixels => {
+                has_other_pixels |= (width / height / of_picture - 1.0).abs() > 0.01;
+                continue;
+            }
+        };
+        let own = if by_width { [*width, width / of_picture] } else { [height * of_picture, *height] };
+        match &mut view.sight {
+            CameraProjection::Perspective { vertical_fov } => *vertical_fov = (2.0 * (0.5 * own[1]).atan()) as f32,
+            CameraProjection::Orthographic { height: seen } => *seen *= (own[1] / height) as f32,
+            _ => (),
+        }
+        if let Some(diagonal) = &mut view.film.diagonal_mm {
+            *diagonal *= own[0].hypot(own[1]) / width.hypot(*height);
+        }
+    }
+    if has_other_pixels {
+        world.skip_unsupported("pixels that are no squares");
+    }
 }

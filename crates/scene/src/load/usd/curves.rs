@@ -99,7 +99,10 @@ pub fn read(stage: &Stage, prim: &Prim) -> Result<(Curves, Vec<&'static str>), S
         }
         Ok((values, per))
     };
-    let (widths, width_per) = per("widths", 1)?;
+    let (mut widths, mut width_per) = per("primvars:widths", 1)?;
+    if width_per.is_none() {
+        (widths, width_per) = per("widths", 1)?;
+    }
     let (mut normals, mut normal_per) = per("primvars:normals", 3)?;
     if normal_per.is_none() {
         (normals, normal_per) = per("normals", 3)?;
@@ -311,6 +314,8 @@ mod tests {
         assert_eq!(radii("[0.2, 0.4, 0.6, 0.8, 1] ( interpolation = \"varying\" )"), [0.1, 0.3, 0.4, 0.5]);
         assert_eq!(radii("[0.2, 0.4, 0.6, 0.8, 1] ( interpolation = \"vertex\" )"), [0.1, 0.3, 0.4, 0.5]);
         assert_eq!(radii("[0.2]"), [0.1; 4]);
+        // As a primvar they come first.
+        assert_eq!(radii("[9]\nfloat[] primvars:widths = [0.2] ( interpolation = \"constant\" )"), [0.1; 4]);
         let (_, ribbon) = read(&format!(
             "{two}float[] widths = [0.1]\nnormal3f[] normals = [(0, 0, 2), (0, 1, 0)] ( interpolation = \"uniform\" )"
         ));

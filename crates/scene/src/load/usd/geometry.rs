@@ -226,6 +226,9 @@ fn turned(profile: &[(f64, f64)]) -> Mesh {
     let mut mesh = Mesh::default();
     for pair in profile.windows(2) {
         let ((r0, z0), (r1, z1)) = (pair[0], pair[1]);
+        if pair[0] == pair[1] {
+            continue;
+        }
         let slope = DVec2::new(z1 - z0, r0 - r1).normalize_or_zero();
         let point = |u: f32, v: f32| {
             let (phi, v) = (TAU * f64::from(u), f64::from(v));

@@ -1,13 +1,14 @@
 //! A layer: specs by path, each with its fields, whichever file they came from.
 
 use crate::SceneError;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 /// Fields that the reader asks for; others are dropped when a layer is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Key {
     Active,
+    ApiSchemas,
     BindMaterialAs,
     Clips,
     ConnectionPaths,
@@ -15,6 +16,7 @@ pub enum Key {
     DefaultPrim,
     FramesPerSecond,
     InheritPaths,
+    Instanceable,
     Interpolation,
     MetersPerUnit,
     Payload,
@@ -40,6 +42,7 @@ impl Key {
     pub fn named(name: &str) -> Option<Key> {
         Some(match name {
             "active" => Key::Active,
+            "apiSchemas" => Key::ApiSchemas,
             "bindMaterialAs" => Key::BindMaterialAs,
             "clips" => Key::Clips,
             "connectionPaths" => Key::ConnectionPaths,
@@ -47,6 +50,7 @@ impl Key {
             "defaultPrim" => Key::DefaultPrim,
             "framesPerSecond" => Key::FramesPerSecond,
             "inheritPaths" | "inherits" => Key::InheritPaths,
+            "instanceable" => Key::Instanceable,
             "interpolation" => Key::Interpolation,
             "metersPerUnit" => Key::MetersPerUnit,
             "payload" => Key::Payload,
@@ -221,6 +225,11 @@ impl TimeShift {
     pub fn within(self, outer: TimeShift) -> TimeShift {
         TimeShift { offset: outer.offset + outer.scale * self.offset, scale: outer.scale * self.scale }
     }
+
+    /// This one of an inner layer whose time codes are so many times as long as those that the shift was said for.
+    pub fn of_longer_codes(self, times: f64) -> TimeShift {
+        TimeShift { scale: self.scale * times, ..self }
+    }
 }
 
 /// What a layer says of one path.
@@ -255,26 +264,47 @@ pub struct Layer {
     pub data: Option<Box<dyn PackedValues>>,
     /// Paths of in-between shapes and of their normals, in order: properties whose names no schema knows.
     inbetweens: Vec<Box<str>>,
+    /// Paths of relationships that bind materials to collections, in order.
+    collection_bindings: Vec<Box<str>>,
+    /// Paths of prims of which an attribute has time samples.
+    sampled: HashSet<Box<str>>,
 }
 
 /// What names of in-between shapes begin with. Source: OpenUSD, `UsdSkelInbetweenShape`.
 const INBETWEENS: &str = ".inbetweens:";
+/// What names of relationships begin with that bind materials to collections. Source: OpenUSD, `UsdShadeMaterialBindingAPI`.
+const COLLECTION_BINDINGS: &str = ".material:binding:collection:";
 
 impl Layer {
     /// A layer of these specs.
     pub fn new(name: &str, folder: Folder, specs: HashMap<Box<str>, Spec>, data: Option<Box<dyn PackedValues>>) -> Self {
-        let mut inbetweens: Vec<Box<str>> = specs.keys().filter(|path| path.contains(INBETWEENS)).cloned().collect();
-        inbetweens.sort_unstable();
-        Layer { name: name.to_owned(), folder, specs, data, inbetweens }
+        let in_order = |part: &str| {
+            let mut paths: Vec<Box<str>> = specs.keys().filter(|path| path.contains(part)).cloned().collect();
+            paths.sort_unstable();
+            paths
+        };
+        let (inbetweens, collection_bindings) = (in_order(INBETWEENS), in_order(COLLECTION_BINDINGS));
+        let has_samples = |spec: &Spec| spec.fields.iter().any(|(key, _)| *key == Key::TimeSamples);
+        let sampled = specs.iter().filter(|(_, spec)| has_samples(spec)).filter_map(|(path, _)| path.rsplit_once('.'));
+        let sampled = sampled.map(|(prim, _)| prim.into()).collect();
+        Layer { name: name.to_owned(), folder, specs, data, inbetweens, collection_bindings, sampled }
+    }
+
+    /// Whether an attribute of the prim at a path has time samples.
+    pub fn has_samples(&self, path: &str) -> bool {
+        self.sampled.contains(path)
+    }
+
+    /// Names of the relationships by which the prim at a path binds materials to collections: "material:binding:collection:red".
+    pub fn collection_bindings(&self, path: &str) -> impl Iterator<Item = &str> {
+        beginning_with(&self.collection_bindings, format!("{path}{COLLECTION_BINDINGS}"), path.len() + 1)
     }
 
     /// Names of the in-between shapes of the prim at a path: "inbetweens:half".
     pub fn inbetweens(&self, path: &str) -> impl Iterator<Item = &str> {
-        let prefix = format!("{path}{INBETWEENS}");
-        let (first, after) = (self.inbetweens.partition_point(|p| **p < *prefix), path.len() + 1);
-        let own = self.inbetweens[first..].iter().take_while(move |p| p.starts_with(&prefix));
+        let own = beginning_with(&self.inbetweens, format!("{path}{INBETWEENS}"), path.len() + 1);
         // Behind another colon are their normals.
-        own.map(move |p| &p[after..]).filter(|name| name.matches(':').count() == 1)
+        own.filter(|name| name.matches(':').count() == 1)
     }
 
     /// A field of the spec of a path. `None` without either. Fails where the value is damaged in its file.
@@ -292,6 +322,12 @@ impl Layer {
             (Field::Packed(_), None) => Ok(Value::Other),
         }
     }
+}
+
+/// Those of sorted paths that begin with a prefix, without their first bytes.
+fn beginning_with(sorted: &[Box<str>], prefix: String, without: usize) -> impl Iterator<Item = &str> {
+    let first = sorted.partition_point(|p| **p < *prefix);
+    sorted[first..].iter().take_while(move |p| p.starts_with(&prefix)).map(move |p| &p[without..])
 }
 
 /// The path of a child prim. Source: OpenUSD, `SdfPath`: "/A/B", "/A{set=variant}B".

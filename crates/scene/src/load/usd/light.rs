@@ -1,13 +1,16 @@
 //! Lights. Source: OpenUSD 25, `UsdLux`: intensity 1 is 1 cd/m², times 2^exposure; lights shine along −z, cylinders lie along x.
 //!
 //! A light that is normalised has its luminance divided by its area in scene units (a distant one's by π sin² of its half angle), so that its power
-//! does not change with its size. Shaped ones (ShapingAPI, a cone below 90°) become spots of the same intensity in their middle.
+//! does not change with its size. Shaped ones (ShapingAPI, a cone below 90° or a focus) become spots of the same intensity in their middle, which falls off
+//! with the power `focus` of the cosine, and with the cosine of flat ones. A mesh that is a light (MeshLightAPI) shines on its front.
 
 use super::geometry;
 use super::layer::Value;
-use super::stage::Prim;
+use super::stage::{Prim, Stage};
 use super::world::{Place, World};
 use crate::SceneError;
+use crate::light::photometry::Web;
+use crate::light::punctual::Pattern;
 use crate::light::{Environment, Modulation, Punctual, PunctualKind, SpotEdge};
 use crate::load::read_light_picture;
 use crate::load::{note_missing, read_texture};
@@ -19,6 +22,102 @@ use glam::{DVec3, Mat3, Vec3};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
+/// Steps of the table of a spot's intensity, from its axis to its edge.
+const STEPS: usize = 512;
+
+/// A value of a light. Files before 2021 leave out "inputs:".
+fn value(stage: &Stage, prim: &Prim, name: &str) -> Result<Option<Value>, SceneError> {
+    match stage.value(prim, &format!("inputs:{name}"))? {
+        Some(value) => Ok(Some(value)),
+        None => stage.value(prim, name),
+    }
+}
+
+fn number(stage: &Stage, prim: &Prim, name: &str, default: f64) -> Result<f64, SceneError> {
+    Ok(value(stage, prim, name)?.and_then(|v| v.number()).filter(|v| v.is_finite()).unwrap_or(default))
+}
+
+/// Strength and colour of a light.
+struct Power {
+    /// cd/m², or lx of a distant light.
+    intensity: f64,
+    rgb: Vec3,
+    /// Colour temperature, K.
+    warm: Option<f32>,
+    normalize: bool,
+    /// Whether it lights matt or glossy surfaces by other factors than 1.
+    is_selective: bool,
+}
+
+impl Power {
+    fn read(stage: &Stage, prim: &Prim, usual: f64) -> Result<Power, SceneError> {
+        let number = |name: &str, default: f64| number(stage, prim, name, default);
+        let rgb = value(stage, prim, "color")?.and_then(|v| v.floats()).filter(|c| c.len() >= 3);
+        Ok(Power {
+            intensity: number("intensity", usual)?.max(0.0) * number("exposure", 0.0)?.clamp(-100.0, 100.0).exp2(),
+            rgb: rgb.map_or(Vec3::ONE, |c| Vec3::from_slice(&c)),
+            warm: match number("enableColorTemperature", 0.0)? != 0.0 {
+                true => Some(number("colorTemperature", 6500.0)?.clamp(1000.0, 40_000.0) as f32),
+                false => None,
+            },
+            normalize: number("normalize", 0.0)? != 0.0,
+            is_selective: number("diffuse", 1.0)? != 1.0 || number("specular", 1.0)? != 1.0,
+        })
+    }
+
+    /// Light of so many of its units.
+    fn light(&self, luminance: f64) -> Spectrum {
+        let (rgb, luminance) = (self.rgb, luminance as f32);
+        match self.warm {
+            Some(kelvin) if rgb == Vec3::ONE => blackbody_with_luminance(kelvin, luminance.max(1e-30)),
+            Some(kelvin) => {
+                let black = blackbody_with_luminance(kelvin, 1.0);
+                Spectrum::light_from_rgb(rgb * color::srgb_of_light(|nm| black.at(nm)).max(Vec3::ZERO) * luminance)
+            }
+            None => Spectrum::light_from_rgb(rgb.max(Vec3::ZERO) * luminance),
+        }
+    }
+}
+
+/// What a mesh sends out that is a light.
+pub(super) struct MeshLight {
+    pub spectrum: Spectrum,
+    pub sync: MaterialSync,
+}
+
+/// What the material of a mesh does to its light. Source: OpenUSD, `UsdLuxLightAPI`, `materialSyncMode`.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum MaterialSync {
+    /// Its glow multiplies the light.
+    GlowTintsLight,
+    /// It scatters, and the light is what the light says.
+    Independent,
+    /// It does not count.
+    NoMaterial,
+}
+
+/// The light that a mesh is, if it is one. Fails where a value of it is damaged in its file. Source: OpenUSD, `UsdLuxMeshLightAPI`.
+pub(super) fn of_mesh(world: &mut World, prim: &Prim) -> Result<Option<MeshLight>, SceneError> {
+    let stage = &world.stage;
+    if !stage.has_schema(prim, "MeshLightAPI")? {
+        return Ok(None);
+    }
+    let power = Power::read(stage, prim, 1.0)?;
+    let mode = stage.value(prim, "light:materialSyncMode")?;
+    let sync = match mode.as_ref().and_then(Value::text).map(|m| m.to_string()).as_deref() {
+        Some("noMaterialResponse") => MaterialSync::NoMaterial,
+        Some("independent") => MaterialSync::Independent,
+        _ => MaterialSync::GlowTintsLight,
+    };
+    if power.normalize {
+        world.skip_unsupported("normalization of mesh lights");
+    }
+    if power.is_selective {
+        world.skip_unsupported("diffuse and specular factors of lights");
+    }
+    Ok((power.intensity > 0.0).then(|| MeshLight { spectrum: power.light(power.intensity), sync }))
+}
+
 /// Adds a light. Fails where a value of it is damaged in its file, or there are too many things in the scene.
 pub fn add(world: &mut World, kind: &str, prim: &Arc<Prim>, place: &Place) -> Result<(), SceneError> {
     if place.instancers > 0 {
@@ -26,25 +125,11 @@ pub fn add(world: &mut World, kind: &str, prim: &Arc<Prim>, place: &Place) -> Re
         return Ok(());
     }
     let stage = &world.stage;
-    // Files before 2021 leave out "inputs:".
-    let value = |name: &str| -> Result<Option<Value>, SceneError> {
-        match stage.value(prim, &format!("inputs:{name}"))? {
-            Some(value) => Ok(Some(value)),
-            None => stage.value(prim, name),
-        }
-    };
-    let number = |name: &str, default: f64| -> Result<f64, SceneError> {
-        Ok(value(name)?.and_then(|v| v.number()).filter(|v| v.is_finite()).unwrap_or(default))
-    };
-    let rgb = value("color")?.and_then(|v| v.floats()).filter(|c| c.len() >= 3).map_or(Vec3::ONE, |c| Vec3::from_slice(&c));
-    let intensity = number("intensity", if kind == "DistantLight" { 50_000.0 } else { 1.0 })?.max(0.0)
-        * number("exposure", 0.0)?.clamp(-100.0, 100.0).exp2();
-    let warm = match number("enableColorTemperature", 0.0)? != 0.0 {
-        true => Some(number("colorTemperature", 6500.0)?.clamp(1000.0, 40_000.0) as f32),
-        false => None,
-    };
-    let normalize = number("normalize", 0.0)? != 0.0;
+    let number = |name: &str, default: f64| number(stage, prim, name, default);
+    let power = Power::read(stage, prim, if kind == "DistantLight" { 50_000.0 } else { 1.0 })?;
+    let Power { intensity, normalize, .. } = power;
     let cone = number("shaping:cone:angle", 90.0)?;
+    let focus = number("shaping:focus", 0.0)?.clamp(0.0, 1e4);
     let softness = number("shaping:cone:softness", 0.0)?.clamp(0.0, 1.0);
     let file = stage.attribute(prim, "inputs:texture:file")?.or(stage.attribute(prim, "texture:file")?);
     let file = file.and_then(|f| f.value.text().filter(|t| !t.is_empty()).map(|t| (t.to_string(), f.layer)));
@@ -65,17 +150,10 @@ pub fn add(world: &mut World, kind: &str, prim: &Arc<Prim>, place: &Place) -> Re
     if ies {
         world.skip_unsupported("IES profiles of lights");
     }
-    let light = |luminance: f64| -> Spectrum {
-        let luminance = luminance as f32;
-        match warm {
-            Some(kelvin) if rgb == Vec3::ONE => blackbody_with_luminance(kelvin, luminance.max(1e-30)),
-            Some(kelvin) => {
-                let black = blackbody_with_luminance(kelvin, 1.0);
-                Spectrum::light_from_rgb(rgb * color::srgb_of_light(|nm| black.at(nm)).max(Vec3::ZERO) * luminance)
-            }
-            None => Spectrum::light_from_rgb(rgb.max(Vec3::ZERO) * luminance),
-        }
-    };
+    if power.is_selective {
+        world.skip_unsupported("diffuse and specular factors of lights");
+    }
+    let light = |luminance: f64| power.light(luminance);
     // Area in scene units: the light's own size, as its place scales it.
     let axes = [place.world.x_axis, place.world.y_axis, place.world.z_axis].map(|a| a.truncate().length() / world.unit_m);
     let area = match kind {
@@ -87,16 +165,31 @@ pub fn add(world: &mut World, kind: &str, prim: &Arc<Prim>, place: &Place) -> Re
     };
     let luminance = if normalize && area > 0.0 { intensity / area } else { intensity };
     let name = prim.name().to_owned();
-    let shaped = cone < 90.0 && matches!(kind, "SphereLight" | "DiskLight" | "RectLight");
+    let has_axis = matches!(kind, "SphereLight" | "DiskLight" | "RectLight");
+    let shaped = has_axis && (cone < 90.0 || focus > 0.0);
+    if !has_axis && focus > 0.0 {
+        world.skip_unsupported("focus of lights of other kinds than spheres, disks and rectangles");
+    }
     if as_point || shaped {
         // As much as the whole light would send ahead, in m².
         let seen = if kind == "SphereLight" { 0.25 } else { 1.0 };
         let candela = if area > 0.0 { luminance * area * world.unit_m * world.unit_m * seen } else { intensity * 0.25 };
         if shaped && !as_point {
-            world.skip_unsupported("sizes of lights with a cone");
+            world.skip_unsupported("sizes of lights with a cone or a focus");
         }
         let outer = cone.clamp(0.01, 89.999).to_radians();
         let (position, direction) = (Vec3::ZERO, Vec3::NEG_Z);
+        // Flat lights are seen the smaller the farther to the side.
+        let exponent = if kind == "SphereLight" { focus } else { focus + 1.0 };
+        if shaped && exponent > 0.0 {
+            let widest = if cone < 90.0 { outer } else { 0.5 * PI };
+            let web = spot_table(exponent, widest, if cone < 90.0 { softness } else { 0.0 });
+            let carrier = Some(world.node_at(place, &name));
+            let pattern = web.map(|w| Arc::new(Pattern::measured(w, Mat3::IDENTITY)));
+            let lamp = Punctual::new(&name, light(candela), PunctualKind::Point { position });
+            world.description.punctual.push(Punctual { carrier, pattern, ..lamp });
+            return Ok(());
+        }
         let kind = match shaped {
             true => PunctualKind::Spot {
                 position,
@@ -161,6 +254,22 @@ pub fn add(world: &mut World, kind: &str, prim: &Arc<Prim>, place: &Place) -> Re
         }
     }
     Ok(())
+}
+
+/// Intensity of a spot over that on its axis, by the angle to it: a power of the cosine up to an edge (rad), which begins to fade at `1 − softness` of its angle.
+fn spot_table(exponent: f64, edge: f64, softness: f64) -> Option<Web> {
+    let (inner, outer) = ((edge * (1.0 - softness)).cos(), edge.cos());
+    let angles: Vec<f64> = (0..=STEPS).map(|i| edge * i as f64 / STEPS as f64).collect();
+    let intensity = |angle: &f64| {
+        let cos = angle.cos().max(0.0);
+        let t = if softness > 0.0 { ((cos - outer) / (inner - outer)).clamp(0.0, 1.0) } else { 1.0 };
+        cos.powf(exponent) * t * t * (3.0 - 2.0 * t)
+    };
+    let list = |all: &mut dyn Iterator<Item = f64>| all.map(|v| format!("{v:.9} ")).collect::<String>();
+    let degrees = list(&mut angles.iter().map(|a| a.to_degrees()));
+    let numbers = list(&mut angles.iter().map(intensity));
+    let text = format!("TILT=NONE\n1 -1 1 {} 1 1 2 0 0 0 1 1 0\n{degrees}\n0\n{numbers}\n", STEPS + 1);
+    Web::read(text.as_bytes()).ok()
 }
 
 /// Adds a light without extent, carried by what its prim hangs on.

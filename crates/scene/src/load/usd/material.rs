@@ -7,14 +7,15 @@
 mod pictures;
 
 use super::layer::Value;
-use super::material_binding::Bound;
+use super::light::{MaterialSync, MeshLight};
+use super::material_binding::{Bound, DisplayColor};
 use super::stage::Prim;
 use super::world::World;
 use crate::SceneError;
 use crate::light::Modulation;
 use crate::material::{Coverage, Emission, EmissionColor, Material, Principled, Scattering};
 use crate::texture::{Codes, Color, Scalar};
-use diopter_light::Spectrum;
+use diopter_light::{Spectrum, color};
 use glam::Vec3;
 use std::sync::Arc;
 
@@ -33,26 +34,58 @@ enum Input {
 }
 
 /// What is gathered about a material on the way.
-#[derive(Default)]
 struct Uses {
     uvs: Vec<String>,
+    /// What readers of display colours get.
+    display_color: DisplayColor,
     colors: bool,
     displacement: Option<Arc<Scalar>>,
 }
 
 impl World<'_> {
-    /// What has no material: grey, its display colour, or the colours of its vertices.
-    pub fn plain(&mut self, color: Option<Vec3>, has_colors: bool) -> Bound {
+    /// What has no material: grey, its display colour, or the colours of its vertices; opaque unless it says otherwise.
+    pub fn plain(&mut self, color: Option<Vec3>, opacity: Option<f32>, has_colors: bool) -> Bound {
         let color = if has_colors { Some(Vec3::ONE) } else { color };
-        let key = color.map(|c| c.to_array().map(f32::to_bits));
+        let opacity = opacity.unwrap_or(1.0);
+        let key = (color.map(|c| c.to_array().map(f32::to_bits)), opacity.to_bits());
         if let Some(number) = self.shaders.plain.get(&key) {
             return Bound { number: *number, uvs: vec![], colors: has_colors, displacement: None };
         }
-        let rgb = color.unwrap_or(Vec3::splat(GREY)).clamp(Vec3::ZERO, Vec3::ONE);
-        let made = Material::new("display colour", Scattering::Diffuse(Color::rgb(rgb.x, rgb.y, rgb.z)));
-        let number = self.push_material(made);
+        let number = self.push_material(Self::display_color(color.unwrap_or(Vec3::splat(GREY)), opacity));
         self.shaders.plain.insert(key, number);
         Bound { number, uvs: vec![], colors: has_colors, displacement: None }
+    }
+
+    /// The material of a display colour and opacity.
+    pub fn display_color(color: Vec3, opacity: f32) -> Material {
+        let rgb = color.clamp(Vec3::ZERO, Vec3::ONE);
+        let coverage = if opacity < 1.0 { Coverage::Blend(Scalar::Constant(opacity)) } else { Coverage::Full };
+        Material { coverage, ..Material::new("display colour", Scattering::Diffuse(Color::rgb(rgb.x, rgb.y, rgb.z))) }
+    }
+
+    /// The material of a mesh that is a light: it emits on its front. Emission of its own tints the light, as `materialGlowTintsLight` has it.
+    pub fn shining(&mut self, bound: Bound, light: Option<&MeshLight>) -> Bound {
+        let Some(MeshLight { spectrum, sync }) = light else { return bound };
+        let rgb = color::srgb_of_light(|nm| spectrum.at(nm)).max(Vec3::ZERO);
+        let key = (bound.number, rgb.to_array().map(f32::to_bits));
+        if let Some(number) = self.shaders.shining.get(&key) {
+            return Bound { number: *number, ..bound };
+        }
+        let own = self.description.materials[bound.number as usize].clone();
+        let radiance = match own.emission.as_ref().map(|e| &e.radiance).filter(|_| *sync == MaterialSync::GlowTintsLight) {
+            Some(EmissionColor::Textured { factor, texture }) => {
+                EmissionColor::Textured { factor: *factor * rgb, texture: texture.clone() }
+            }
+            Some(EmissionColor::Constant(glow)) => {
+                EmissionColor::Constant(Spectrum::light_from_rgb(color::srgb_of_light(|nm| glow.at(nm)).max(Vec3::ZERO) * rgb))
+            }
+            _ => EmissionColor::Constant(spectrum.clone()),
+        };
+        let emission = Some(Emission { radiance, two_sided: false, is_light: true, modulation: Modulation::Steady });
+        let scattering = if *sync == MaterialSync::NoMaterial { Scattering::Black } else { own.scattering.clone() };
+        let number = self.push_material(Material { emission, scattering, ..own });
+        self.shaders.shining.insert(key, number);
+        Bound { number, ..bound }
     }
 
     /// Adds a material; gives its number.
@@ -61,20 +94,49 @@ impl World<'_> {
         self.description.materials.len() as u32 - 1
     }
 
-    /// The material of a path; without one that can be read, what things without a material are.
-    pub fn material(&mut self, path: &str, color: Option<Vec3>, has_colors: bool) -> Read<Bound> {
-        let known = match self.shaders.by_path.get(path) {
-            Some(known) => known.clone(),
-            None => {
-                let made = self.read_material(path)?;
-                self.shaders.by_path.insert(path.to_owned(), made.clone());
-                made
-            }
-        };
-        Ok(known.unwrap_or_else(|| self.plain(color, has_colors)))
+    /// The material of a path for what has such display colours; `None` of one that cannot be read.
+    pub fn material(&mut self, path: &str, color: DisplayColor) -> Read<Option<Bound>> {
+        // Those that do not read display colours are the same for all.
+        let color = if self.reads_display_color(path)? { color } else { DisplayColor::OfPrim };
+        let key = (path.to_owned(), color);
+        if let Some(known) = self.shaders.by_path.get(&key) {
+            return Ok(known.clone());
+        }
+        let made = self.read_material(path, color)?;
+        self.shaders.by_path.insert(key, made.clone());
+        Ok(made)
     }
 
-    fn read_material(&mut self, path: &str) -> Read<Option<Bound>> {
+    /// Whether a shader of a material reads `primvars:displayColor`.
+    pub fn reads_display_color(&mut self, path: &str) -> Read<bool> {
+        if let Some(known) = self.shaders.display_readers.get(path) {
+            return Ok(*known);
+        }
+        let mut open: Vec<Arc<Prim>> = self.stage.prim(path)?.into_iter().collect();
+        let mut reads = false;
+        while let (Some(prim), false) = (open.pop(), reads) {
+            reads =
+                &*self.stage.type_name(&prim)? == "Shader" && self.primvar_read(&prim)?.is_some_and(|v| &*v == "displayColor");
+            open.extend(self.stage.children(&prim)?);
+        }
+        self.shaders.display_readers.insert(path.to_owned(), reads);
+        Ok(reads)
+    }
+
+    /// The primvar that a shader reads, without a name an empty one; `None` of other shaders.
+    fn primvar_read(&mut self, shader: &Arc<Prim>) -> Read<Option<Arc<str>>> {
+        let kind = self.shader_kind(shader)?;
+        if !kind.contains("PrimvarReader") && !kind.starts_with("ND_geompropvalue") {
+            return Ok(None);
+        }
+        let varname = match self.text(shader, "varname")? {
+            Some(varname) => Some(varname),
+            None => self.text(shader, "geomprop")?,
+        };
+        Ok(Some(varname.unwrap_or_else(|| "".into())))
+    }
+
+    fn read_material(&mut self, path: &str, display_color: DisplayColor) -> Read<Option<Bound>> {
         let Some(prim) = self.stage.prim(path)? else {
             self.skip_unsupported("bindings to materials that are not there");
             return Ok(None);
@@ -86,6 +148,7 @@ impl World<'_> {
             opinions.extend(self.stage.fingerprint(&child));
             open.extend(self.stage.children(&child)?);
         }
+        let opinions = (opinions, display_color);
         if let Some(known) = self.shaders.by_opinions.get(&opinions) {
             return Ok(Some(known.clone()));
         }
@@ -95,7 +158,7 @@ impl World<'_> {
                 surface = self.shader(&prim, output)?;
             }
         }
-        let mut uses = Uses::default();
+        let mut uses = Uses { uvs: vec![], display_color, colors: false, displacement: None };
         let made = match surface {
             Some((shader, _)) => self.surface(&prim, &shader, &mut uses)?,
             None => None,
@@ -108,7 +171,7 @@ impl World<'_> {
             self.skip_unsupported("texture coordinates beyond two sets of a material");
             uses.uvs.truncate(2);
         }
-        let Uses { uvs, colors, displacement } = uses;
+        let Uses { uvs, colors, displacement, .. } = uses;
         let bound = Bound { number: self.push_material(made), uvs, colors, displacement };
         self.shaders.by_opinions.insert(opinions, bound.clone());
         Ok(Some(bound))
@@ -205,7 +268,7 @@ impl World<'_> {
         let presence = self.text(shader, "opacityMode")?.is_some_and(|m| &*m == "presence");
         let (scattering, coverage) = covered(p, opacity, threshold, presence);
         let mut made = Material { coverage, ..Material::new("", scattering) };
-        made.emission = glowing(self.color(shader, "emissiveColor", Vec3::ZERO, uses)?, 1.0);
+        made.emission = self.glow(shader, "emissiveColor", (Vec3::ZERO, 1.0), uses)?;
         made.normal_map = self.normal_map(shader, "normal", uses)?;
         let height = self.scalar(shader, "displacement", 0.0, uses)?;
         uses.displacement = (!matches!(height, Scalar::Constant(h) if h == 0.0)).then(|| Arc::new(height));
@@ -239,7 +302,7 @@ impl World<'_> {
         };
         let mut made = Material { coverage, interior, ..Material::new("", Scattering::Principled(Box::new(p))) };
         let weight = self.number(shader, "emission", 0.0)?;
-        made.emission = glowing(self.color(shader, "emission_color", Vec3::ONE, uses)?, weight);
+        made.emission = self.glow(shader, "emission_color", (Vec3::ONE, weight), uses)?;
         made.normal_map = self.normal_map(shader, "normal", uses)?;
         Ok(made)
     }
@@ -307,18 +370,19 @@ impl World<'_> {
                 _ => default,
             })),
             Input::Shader(node, output) => {
-                if self.shader_kind(&node)?.contains("PrimvarReader") || self.shader_kind(&node)?.starts_with("ND_geompropvalue")
-                {
-                    let reads = match self.text(&node, "varname")? {
-                        Some(varname) => Some(varname),
-                        None => self.text(&node, "geomprop")?,
-                    };
-                    if reads.is_some_and(|v| &*v == "displayColor") {
-                        uses.colors = true;
-                        return Ok(constant(Vec3::ONE));
+                if let Some(primvar) = self.primvar_read(&node)? {
+                    if &*primvar != "displayColor" {
+                        self.skip_unsupported("primvars that materials ask for");
+                        return Ok(constant(self.rgb(&node, "fallback", default)?));
                     }
-                    self.skip_unsupported("primvars that materials ask for");
-                    return Ok(constant(self.rgb(&node, "fallback", default)?));
+                    return Ok(constant(match uses.display_color {
+                        DisplayColor::OfPrim => {
+                            uses.colors = true;
+                            Vec3::ONE
+                        }
+                        DisplayColor::Inherited(color) => Vec3::from_array(color.map(f32::from_bits)),
+                        DisplayColor::Absent => self.primvar_fallback(&node)?,
+                    }));
                 }
                 match self.picture(&node, &output, Codes::Srgb, uses)? {
                     Some(picture) => picture.color(),
@@ -331,12 +395,39 @@ impl World<'_> {
         })
     }
 
+    /// What a reader gives where there is no such primvar: 0 where nothing is said.
+    fn primvar_fallback(&mut self, reader: &Arc<Prim>) -> Read<Vec3> {
+        for name in ["fallback", "default"] {
+            if let Input::Value(value, _) = self.input(reader, name)?
+                && let Some(v) = value.floats()
+            {
+                return Ok(if v.len() >= 3 { Vec3::from_slice(&v) } else { Vec3::splat(v.first().copied().unwrap_or(0.0)) });
+            }
+        }
+        Ok(Vec3::ZERO)
+    }
+
+    /// Light that an input makes a surface send out; `usual`: its colour without a word of it, and cd/m² for each 1 of the colour.
+    fn glow(&mut self, shader: &Arc<Prim>, name: &str, usual: (Vec3, f32), uses: &mut Uses) -> Read<Option<Emission>> {
+        let (default, strength) = usual;
+        if let Input::Shader(node, output) = self.input(shader, name)?
+            && let Some(picture) = self.picture(&node, &output, Codes::Srgb, uses)?
+        {
+            return Ok(glowing(picture.light(), strength));
+        }
+        Ok(glowing(self.color(shader, name, default, uses)?, strength))
+    }
+
     fn scalar(&mut self, shader: &Arc<Prim>, name: &str, default: f32, uses: &mut Uses) -> Read<Scalar> {
         Ok(match self.input(shader, name)? {
             Input::Absent => Scalar::Constant(default),
             Input::Value(value, _) => {
                 let number = value.floats().and_then(|v| v.first().copied()).filter(|v| v.is_finite());
                 Scalar::Constant(number.unwrap_or(default))
+            }
+            Input::Shader(node, _) if self.primvar_read(&node)?.is_some() => {
+                self.skip_unsupported("primvars that materials ask for");
+                Scalar::Constant(self.number(&node, "fallback", 0.0)?)
             }
             Input::Shader(node, output) => match self.picture(&node, &output, Codes::Linear, uses)? {
                 Some(picture) => picture.scalar(default),

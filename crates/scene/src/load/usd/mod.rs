@@ -12,8 +12,10 @@
 mod bending;
 mod binary;
 mod camera;
+mod collections;
 mod curves;
 mod geometry;
+mod instancer;
 mod layer;
 mod light;
 mod material;
@@ -29,6 +31,8 @@ mod transform;
 mod walk;
 mod world;
 
+#[cfg(test)]
+mod material_tests;
 #[cfg(test)]
 mod skeleton_tests;
 #[cfg(test)]
@@ -46,5 +50,15 @@ fn error(place: &str, found: impl Into<String>, expected: impl Into<String>) -> 
 /// references go round or too deep, `metersPerUnit` is not 1e-9 to 1e9, or nothing that is drawn has a surface. Layers and pictures that are missing are warnings.
 pub fn load(bytes: Vec<u8>, name: &str, fetch: Fetch) -> Result<Description, SceneError> {
     let description = world::World::new(bytes, name, fetch)?.run()?;
-    finished(description, name, "a Mesh, a Sphere or another solid that is drawn (purpose \"default\" or \"render\", visible)")
+    let warnings = description.warnings.clone();
+    let expected = "a Mesh, a Sphere or another solid that is drawn (purpose \"default\" or \"render\", visible)";
+    finished(description, name, expected).map_err(|e| match e {
+        // What was left out is likely what was to be seen.
+        SceneError::File { place, found, expected } => {
+            let all = warnings.iter().map(|w| w.strip_prefix(&format!("{name}: ")).unwrap_or(w));
+            let found = all.fold(found, |found, w| format!("{found}; {}", w.replace(world::SHOWN_WITHOUT, "")));
+            SceneError::File { place, found, expected }
+        }
+        other => other,
+    })
 }

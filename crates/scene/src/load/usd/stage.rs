@@ -7,7 +7,7 @@
 
 mod values;
 
-pub use self::values::TimeSample;
+pub use self::values::{Fingerprint, TimeSample};
 
 use super::layer::{Folder, Key, Layer, Reference, TimeShift, Value, child_path, without_variants};
 use super::package::{self, Package};
@@ -23,6 +23,8 @@ const MOST_LAYERS: usize = 65_536;
 const DEEPEST: usize = 64;
 /// Deepest that prims lie within prims.
 const DEEPEST_PRIM: usize = 256;
+/// Time codes in a second that are believed.
+const PLAUSIBLE_RATES: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
 /// Most opinions on one prim, and on all.
 const MOST_SITES: usize = 4096;
 const MOST_SITES_IN_ALL: usize = 1 << 25;
@@ -76,6 +78,8 @@ struct Site {
     stack: usize,
     path: String,
     link: Arc<Link>,
+    /// Whether an arc or a variant of the prim itself leads here, not of what is around it.
+    is_direct: bool,
 }
 
 /// A prim of the scene.
@@ -83,9 +87,17 @@ struct Site {
 pub struct Prim {
     pub path: String,
     sites: Vec<Site>,
+    /// Whether what is below it is the same as below others that refer to the same.
+    is_instance: bool,
 }
 
 impl Prim {
+    /// The sites whose opinions count below it. Of an instance those are what its own arcs lead to: overrides from around it are
+    /// discarded. Source: OpenUSD, "Glossary" (Instanceable).
+    fn sites_below(&self) -> impl DoubleEndedIterator<Item = &Site> {
+        self.sites.iter().filter(|s| s.is_direct || !self.is_instance)
+    }
+
     /// Its own name.
     pub fn name(&self) -> &str {
         self.path.rsplit('/').next().unwrap_or_default()
@@ -97,6 +109,8 @@ pub struct Stage<'a> {
     fetch: Fetch<'a>,
     layers: Vec<Layer>,
     packages: Vec<Package>,
+    /// Numbers of packages by the keys of their files, or why they cannot be had.
+    package_of: HashMap<String, Result<usize, String>>,
     stacks: Vec<Stack>,
     by_file: HashMap<String, usize>,
     stack_of: HashMap<usize, usize>,
@@ -117,6 +131,7 @@ impl<'a> Stage<'a> {
             fetch,
             layers: vec![],
             packages: vec![],
+            package_of: HashMap::new(),
             stacks: vec![],
             by_file: HashMap::new(),
             stack_of: HashMap::new(),
@@ -135,8 +150,8 @@ impl<'a> Stage<'a> {
             target: (stack, "/".into()),
             outer: None,
         };
-        let sites = vec![Site { stack, path: "/".into(), link: Arc::new(link) }];
-        stage.prims.insert("/".into(), Some(Arc::new(Prim { path: "/".into(), sites })));
+        let sites = vec![Site { stack, path: "/".into(), link: Arc::new(link), is_direct: false }];
+        stage.prims.insert("/".into(), Some(Arc::new(Prim { path: "/".into(), sites, is_instance: false })));
         stage.start = stage.root(Key::StartTimeCode)?.and_then(|v| v.number()).unwrap_or(0.0);
         Ok(stage)
     }
@@ -173,24 +188,76 @@ impl<'a> Stage<'a> {
         Ok(self.layers.len() - 1)
     }
 
-    /// The bytes of a file that a layer names. Fails with the reason where it cannot be had, or is not in the package that the layer is in.
-    pub fn file(&self, layer: usize, asset: &str) -> Result<Vec<u8>, String> {
-        let folder = &self.layers[layer].folder;
-        let path = joined(&folder.path, asset);
-        match folder.package {
-            None => (self.fetch)(&path),
-            Some(package) => {
-                let package = &self.packages[package];
-                let range = package.files.get(&path).ok_or_else(|| format!("it is not in {}", package.name))?;
-                Ok(package.bytes[range.clone()].to_vec())
+    /// Time codes in a second of a layer. Source: OpenUSD, `SdfLayer::GetTimeCodesPerSecond`.
+    fn time_codes_per_second(&self, layer: usize) -> Read<f64> {
+        for key in [Key::TimeCodesPerSecond, Key::FramesPerSecond] {
+            let rate = self.layers[layer].get("/", key)?.and_then(|v| v.number());
+            if let Some(rate) = rate.filter(|r| PLAUSIBLE_RATES.contains(r)) {
+                return Ok(rate);
             }
         }
+        Ok(24.0)
+    }
+
+    /// How many time codes of a layer are one of another.
+    fn codes_in_one(&self, layer: usize, inner: usize) -> Read<f64> {
+        Ok(self.time_codes_per_second(layer)? / self.time_codes_per_second(inner)?)
+    }
+
+    /// The bytes of a file that a layer names. Fails with the reason where it cannot be had, or is not in the package that it is looked for in.
+    pub fn file(&mut self, layer: usize, asset: &str) -> Result<Vec<u8>, String> {
+        let (package, path) = self.located(layer, asset)?;
+        self.bytes(package, &path)
     }
 
     /// What tells files apart that layers name.
-    pub fn file_key(&self, layer: usize, asset: &str) -> String {
-        let folder = &self.layers[layer].folder;
-        format!("{}:{}", folder.package.map_or(String::new(), |p| p.to_string()), joined(&folder.path, asset))
+    pub fn file_key(&mut self, layer: usize, asset: &str) -> String {
+        match self.located(layer, asset) {
+            Ok((package, path)) => key_of(package, &path),
+            Err(_) => format!("{layer}?{asset}"),
+        }
+    }
+
+    /// Number of the package that a file is in, and its path there, or from the folder of the main file. "a.usdz[b/c.png]" is a file in a package. Fails
+    /// where a package on the way cannot be had. Source: OpenUSD, `ArSplitPackageRelativePathOuter`.
+    fn located(&mut self, layer: usize, asset: &str) -> Result<(Option<usize>, String), String> {
+        let Folder { mut package, path: mut folder } = self.layers[layer].folder.clone();
+        let mut rest = asset;
+        while let Some((outer, inner)) = rest.strip_suffix(']').and_then(|r| r.split_once('[')).filter(|(o, _)| !o.is_empty()) {
+            package = Some(self.package(package, joined(&folder, outer))?);
+            (folder, rest) = (String::new(), inner);
+        }
+        Ok((package, joined(&folder, rest)))
+    }
+
+    /// Number of the package at a path, opened where it is met first.
+    fn package(&mut self, within: Option<usize>, path: String) -> Result<usize, String> {
+        let key = key_of(within, &path);
+        if let Some(known) = self.package_of.get(&key) {
+            return known.clone();
+        }
+        let name = self.name_of(within, &path);
+        let read = self.bytes(within, &path).and_then(|bytes| match bytes.starts_with(package::MAGIC) {
+            true => package::read(bytes.into(), &name).map_err(|e| e.to_string()),
+            false => Err(format!("{name} is no package")),
+        });
+        let number = read.map(|package| {
+            self.packages.push(package);
+            self.packages.len() - 1
+        });
+        self.package_of.insert(key, number.clone());
+        number
+    }
+
+    fn bytes(&self, package: Option<usize>, path: &str) -> Result<Vec<u8>, String> {
+        let Some(package) = package.map(|p| &self.packages[p]) else { return (self.fetch)(path) };
+        let range = package.files.get(path).ok_or_else(|| format!("it is not in {}", package.name))?;
+        Ok(package.bytes[range.clone()].to_vec())
+    }
+
+    /// A file for messages.
+    fn name_of(&self, package: Option<usize>, path: &str) -> String {
+        package.map_or_else(|| path.to_owned(), |p| format!("{}[{path}]", self.packages[p].name))
     }
 
     /// The stack that begins with a file that a layer names; `None` where it cannot be had, which is noted.
@@ -202,17 +269,22 @@ impl<'a> Stage<'a> {
     }
 
     fn open_layer(&mut self, layer: usize, asset: &str) -> Read<Option<usize>> {
-        let folder = self.layers[layer].folder.clone();
-        let path = joined(&folder.path, asset);
         let key = self.file_key(layer, asset);
         if let Some(known) = self.by_file.get(&key) {
             return Ok((*known != usize::MAX).then_some(*known));
         }
         let is_layer = |bytes: &[u8]| [binary::MAGIC, text::MAGIC, package::MAGIC].iter().any(|m| bytes.starts_with(m));
-        let read = match self.file(layer, asset) {
-            Ok(bytes) if is_layer(&bytes) => {
-                let inner = Folder { package: folder.package, path: folder_of(&path) };
-                Some(self.add_layer(bytes.into(), &path, inner, 0)?)
+        let located = self.located(layer, asset);
+        let file = located.and_then(|(package, path)| self.bytes(package, &path).map(|bytes| (bytes, package, path)));
+        let read = match file {
+            Ok((bytes, package, path)) if is_layer(&bytes) => {
+                let (next, is_package) = (self.packages.len(), bytes.starts_with(package::MAGIC));
+                let name = self.name_of(package, &path);
+                let number = self.add_layer(bytes.into(), &name, Folder { package, path: folder_of(&path) }, 0)?;
+                if is_package {
+                    self.package_of.entry(key.clone()).or_insert(Ok(next));
+                }
+                Some(number)
             }
             // MaterialX documents and other formats that plugins of OpenUSD read.
             Ok(_) => {
@@ -251,6 +323,7 @@ impl<'a> Stage<'a> {
                         Some([offset, scale]) => TimeShift { offset: *offset, scale: *scale },
                         _ => TimeShift::NONE,
                     };
+                    let own = own.of_longer_codes(self.codes_in_one(layer, inner)?);
                     open.push((inner, own.within(shift), within.clone()));
                 }
             }
@@ -282,7 +355,7 @@ impl<'a> Stage<'a> {
     pub fn children(&mut self, prim: &Prim) -> Read<Vec<Arc<Prim>>> {
         let mut names: Vec<Arc<str>> = Vec::new();
         let mut known = std::collections::HashSet::new();
-        for site in prim.sites.iter().rev() {
+        for site in prim.sites_below().rev() {
             for (layer, _) in self.stacks[site.stack].layers.iter().rev() {
                 if let Some(Value::Texts(list)) = self.layers[*layer].get(&site.path, Key::PrimChildren)? {
                     // In damaged files a name can be a path: of the prim itself, for one.
@@ -301,8 +374,8 @@ impl<'a> Stage<'a> {
     fn composed(&mut self, parent: &Prim, name: &str) -> Read<Option<Arc<Prim>>> {
         let path = child_path(&parent.path, name);
         let mut found = Composing { to: path, sites: vec![], chosen: HashMap::new() };
-        for site in &parent.sites {
-            let inner = Site { stack: site.stack, path: child_path(&site.path, name), link: site.link.clone() };
+        for site in parent.sites_below() {
+            let inner = Site { path: child_path(&site.path, name), is_direct: false, ..site.clone() };
             self.expand(inner, &mut found, 0)?;
         }
         self.sites += found.sites.len();
@@ -310,7 +383,13 @@ impl<'a> Stage<'a> {
             let expected = "fewer: do references repeat each other?";
             return Err(error(&found.to, format!("more than {MOST_SITES_IN_ALL} opinions in all"), expected));
         }
-        Ok((!found.sites.is_empty()).then(|| Arc::new(Prim { path: found.to, sites: found.sites })))
+        if found.sites.is_empty() {
+            return Ok(None);
+        }
+        let mut prim = Prim { path: found.to, sites: found.sites, is_instance: false };
+        prim.is_instance = prim.sites.iter().any(|s| s.is_direct)
+            && self.field(&prim, Key::Instanceable)?.and_then(|v| v.number()).is_some_and(|v| v != 0.0);
+        Ok(Some(Arc::new(prim)))
     }
 
     /// Adds a site and all that its arcs lead to.
@@ -328,7 +407,7 @@ impl<'a> Stage<'a> {
             let expected = "fewer: does something refer to itself?";
             return Err(error(&found.to, format!("references to references, more than {DEEPEST} deep"), expected));
         }
-        found.sites.push(site.clone());
+        found.sites.push(Site { is_direct: depth > 0, ..site.clone() });
         let (mut inherits, mut specializes, mut sets) = (vec![], vec![], vec![]);
         let (mut references, mut payloads) = (vec![], vec![]);
         // Weakest first: each layer edits what is below.
@@ -394,7 +473,8 @@ impl<'a> Stage<'a> {
             }
             return Ok(());
         };
-        self.enter(site, stack, path, to.shift, found, depth)
+        let shift = to.shift.of_longer_codes(self.codes_in_one(layer, self.stacks[stack].layers[0].0)?);
+        self.enter(site, stack, path, shift, found, depth)
     }
 
     fn follow_inside(&mut self, site: &Site, path: &str, shift: TimeShift, found: &mut Composing, depth: usize) -> Read<()> {
@@ -423,7 +503,7 @@ impl<'a> Stage<'a> {
             target: (stack, path.clone()),
             outer: Some(site.link.clone()),
         };
-        self.expand(Site { stack, path, link: Arc::new(link) }, found, depth + 1)
+        self.expand(Site { stack, path, link: Arc::new(link), is_direct: true }, found, depth + 1)
     }
 
     fn default_prim(&self, layer: usize) -> Read<Option<String>> {
@@ -438,6 +518,11 @@ struct Composing {
     sites: Vec<Site>,
     /// Variants by the sets that they are chosen of.
     chosen: HashMap<Arc<str>, Arc<str>>,
+}
+
+/// What tells files apart: the package that they are in, and their paths.
+fn key_of(package: Option<usize>, path: &str) -> String {
+    format!("{}:{path}", package.map_or(String::new(), |p| p.to_string()))
 }
 
 /// The folder of a file: up to the last slash.

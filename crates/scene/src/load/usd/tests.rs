@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::light::PunctualKind;
+use crate::light::punctual::Spread;
 use crate::material::{Coverage, EmissionColor, Material, Scattering};
 use crate::motion::Motion;
 use crate::scene::{CameraProjection, Shape};
@@ -11,15 +12,15 @@ use glam::{Vec2, Vec3};
 const TEXT: &str = include_str!("tests/box.usda");
 const BINARY: &[u8] = include_bytes!("tests/box.usdc");
 
-fn none(_: &str) -> Result<Vec<u8>, String> {
+pub fn none(_: &str) -> Result<Vec<u8>, String> {
     Err("no files here".into())
 }
 
-fn read(body: &str) -> Description {
+pub fn read(body: &str) -> Description {
     load(format!("#usda 1.0\n( metersPerUnit = 1 )\n{body}").into(), "t.usda", &none).unwrap_or_else(|e| panic!("{e}"))
 }
 
-const QUAD: &str = "int[] faceVertexCounts = [4]\nint[] faceVertexIndices = [0, 1, 2, 3]\n\
+pub const QUAD: &str = "int[] faceVertexCounts = [4]\nint[] faceVertexIndices = [0, 1, 2, 3]\n\
     point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]\nuniform token subdivisionScheme = \"none\"\n";
 
 #[test]
@@ -401,7 +402,9 @@ fn cameras_have_their_angle_and_lens() {
     // 50 mm at f/2: 12.5 mm of radius; sharp at 3 m.
     let [radius, focus] = view.lens.unwrap();
     assert!((radius - 0.0125).abs() < 1e-6 && (focus - 3.0).abs() < 1e-5);
-    assert!((view.film.diagonal_mm.unwrap() - 36f64.hypot(24.0)).abs() < 1e-9 && view.film.size == Some([640, 360]));
+    // Made wider, as the picture is.
+    let wide = (24.0 * 640.0 / 360.0f64).hypot(24.0);
+    assert!((view.film.diagonal_mm.unwrap() - wide).abs() < 1e-9 && view.film.size == Some([640, 360]));
     let place = view.world_from_camera;
     assert!((place.transform_point3(Vec3::ZERO) - Vec3::X).length() < 1e-5);
     assert!((place.transform_vector3(Vec3::NEG_Z) - Vec3::NEG_X).length() < 1e-5);
@@ -503,4 +506,129 @@ fn displacement_moves_points_along_their_normals() {
         let expected = 0.5 * (p.x * 64.0 - 0.5) / 63.0 - 0.25;
         assert!((p.z - expected).abs() < 3e-3, "{p}: {expected}");
     }
+}
+
+#[test]
+fn copies_at_other_times_are_other_meshes() {
+    let points = "point3f[] points.timeSamples = { 0: [(0, 0, 0), (1, 0, 0), (1, 1, 0)], 10: [(0, 0, 0), (2, 0, 0), (2, 2, 0)] }";
+    let still = "point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0)]";
+    let meshes = |points: &str| {
+        let file = format!(
+            "#usda 1.0\n( defaultPrim = \"A\" )\ndef Xform \"A\" {{ def Mesh \"m\" {{ int[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\nuniform token subdivisionScheme = \"none\"\n{points} }} }}"
+        );
+        let fetch = move |_: &str| Ok(file.clone().into_bytes());
+        let text = "#usda 1.0\ndef \"X\" ( references = @a.usda@ ) {}\ndef \"Y\" ( references = @a.usda@ (offset = -10) ) {}\ndef \"Z\" ( references = @a.usda@ ) {}";
+        load(text.into(), "t.usda", &fetch).unwrap().meshes.iter().map(|m| m.positions[1].x).collect::<Vec<_>>()
+    };
+    assert_eq!(meshes(points), [1.0, 2.0]);
+    assert_eq!(meshes(still), [1.0]);
+}
+
+#[test]
+fn pictures_fit_apertures_by_the_policy_of_their_settings() {
+    let camera = "def Camera \"c\" { float focalLength = 50\nfloat horizontalAperture = 20\nfloat verticalAperture = 10 }";
+    let view = |settings: &str, camera: &str| {
+        let d = read(&format!("{camera}\ndef RenderSettings \"s\" {{ {settings} }}\ndef Mesh \"m\" {{ {QUAD} }}"));
+        let CameraProjection::Perspective { vertical_fov } = d.cameras[0].sight else { panic!("a perspective") };
+        (f64::from(vertical_fov), d.cameras[0].film.diagonal_mm.unwrap(), d.warnings.join("\n"))
+    };
+    // Heights of the aperture over its focal length, and its diagonal.
+    for (policy, tangent, sides) in [
+        ("", 0.4, [20.0, 20.0]),
+        ("expandAperture", 0.4, [20.0, 20.0]),
+        ("cropAperture", 0.2, [10.0, 10.0]),
+        ("adjustApertureWidth", 0.2, [10.0, 10.0]),
+        ("adjustApertureHeight", 0.4, [20.0, 20.0]),
+        ("adjustPixelAspectRatio", 0.2, [20.0, 10.0]),
+    ] {
+        let said = if policy.is_empty() { String::new() } else { format!("token aspectRatioConformPolicy = \"{policy}\"\n") };
+        let (fov, diagonal, warnings) = view(&format!("{said}int2 resolution = (64, 64)"), camera);
+        assert!((fov - 2.0 * (0.5f64 * tangent).atan()).abs() < 1e-6, "{policy}: {fov}");
+        assert!((diagonal - f64::hypot(sides[0], sides[1])).abs() < 1e-9, "{policy}: {diagonal}");
+        assert_eq!(warnings.contains("pixels that are no squares"), policy == "adjustPixelAspectRatio");
+    }
+    // Wider than the aperture.
+    let (fov, ..) = view("int2 resolution = (400, 100)", camera);
+    assert!((fov - 2.0 * 0.1f64.atan()).abs() < 1e-6, "{fov}");
+    let (_, _, warnings) = view("", &camera.replace("float focal", "float horizontalApertureOffset = 5\nfloat focal"));
+    assert!(warnings.contains("aperture offsets"), "{warnings}");
+}
+
+#[test]
+fn invisible_cameras_are_found_and_changes_of_visibility_told() {
+    let d = read(&format!(
+        "def Camera \"a\" {{ token visibility = \"invisible\" }}\n\
+        def Xform \"g\" {{ token visibility = \"invisible\"\ndef Camera \"b\" {{}}\ndef Mesh \"hidden\" {{ {QUAD} }}\ndef SphereLight \"dark\" {{}} }}\n\
+        def Mesh \"m\" {{ {QUAD} token visibility.timeSamples = {{ 0: \"inherited\", 10: \"invisible\" }} }}\n\
+        def Mesh \"same\" {{ {QUAD} token visibility.timeSamples = {{ 0: \"inherited\", 10: \"inherited\" }} }}"
+    ));
+    assert_eq!(d.cameras.iter().map(|c| c.name.as_str()).collect::<Vec<_>>(), ["a", "b"]);
+    assert_eq!(d.objects.iter().map(|o| o.name.as_str()).collect::<Vec<_>>(), ["m", "same"]);
+    assert!(d.warnings.iter().any(|w| w.contains("visibility that changes (1)")), "{:?}", d.warnings);
+}
+
+#[test]
+fn solids_may_have_no_radius() {
+    let d = read(
+        "def Sphere \"none\" { double radius = 0 }\ndef Cylinder_1 \"c\" { double radiusTop = 0\ndouble radiusBottom = 1\ndouble height = 2 }",
+    );
+    assert_eq!(d.objects.len(), 1);
+    let mesh = &d.meshes[0];
+    let widest = |top: bool| {
+        let at = mesh.positions.iter().filter(|p| (p.z > 0.0) == top);
+        at.fold(0.0f32, |m, p| m.max(p.truncate().length()))
+    };
+    assert!(widest(true) < 1e-6 && (widest(false) - 1.0).abs() < 1e-6, "{} {}", widest(true), widest(false));
+}
+
+#[test]
+fn without_a_surface_the_error_says_what_was_left_out() {
+    let text = "#usda 1.0\ndef \"X\" ( references = @nofile.usda@ ) {}\ndef Points \"p\" {}";
+    let e = load(text.into(), "t.usda", &none).unwrap_err().to_string();
+    let expected =
+        "t.usda: no surface; files that could not be read: nofile.usda (no files here); left out: points (1); expected a Mesh";
+    assert!(e.starts_with(expected), "{e}");
+}
+
+#[test]
+fn shaped_lights_fall_off_with_their_focus_and_cosine() {
+    let d = read(&format!(
+        "def SphereLight \"f\" {{ float inputs:shaping:focus = 2 }}\n\
+        def DiskLight \"k\" {{ float inputs:shaping:cone:angle = 30\nfloat inputs:diffuse = 0 }}\ndef Mesh \"m\" {{ {QUAD} }}"
+    ));
+    let at = |name: &str, degrees: f32| {
+        let light = d.punctual.iter().find(|l| l.name == name).unwrap();
+        let Spread::Web(web) = &light.pattern.as_ref().unwrap().spread else { panic!("a table") };
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        web.candela(Vec3::new(0.0, sin, -cos)) / web.peak()
+    };
+    for (name, degrees, expected) in
+        [("f", 0.0, 1.0), ("f", 60.0, 0.25), ("f", 120.0, 0.0), ("k", 20.0, 0.9397), ("k", 29.9, 0.8669), ("k", 31.0, 0.0)]
+    {
+        assert!((at(name, degrees) - expected).abs() < 1e-3, "{name} {degrees}: {}", at(name, degrees));
+    }
+    let all = d.warnings.join("\n");
+    assert!(all.contains("diffuse and specular factors of lights (1)") && all.contains("a focus (2)"), "{all}");
+}
+
+#[test]
+fn meshes_can_be_lights() {
+    let mesh = |more: &str| {
+        let d = read(&format!(
+            "def Mesh \"m\" ( prepend apiSchemas = [\"MeshLightAPI\"] ) {{ {QUAD}float inputs:intensity = 3\nfloat inputs:exposure = 1\n{more} }}\n\
+            def Material \"M\" {{ token outputs:surface.connect = </M/S.outputs:surface>\ndef Shader \"S\" {{ token info:id = \"UsdPreviewSurface\"\n\
+            color3f inputs:emissiveColor = (0.5, 0.5, 0.5) }} }}"
+        ));
+        let material = d.materials[d.objects[0].material as usize].clone();
+        let emission = material.emission.as_ref().expect("it shines");
+        assert!(!emission.two_sided && emission.is_light);
+        (emission.luminance(&[Vec2::ZERO; 2]), matches!(material.scattering, Scattering::Black))
+    };
+    let close = |found: (f32, bool), nits: f32, black: bool| {
+        assert!((found.0 / nits - 1.0).abs() < 0.01 && found.1 == black, "{found:?} {nits}");
+    };
+    close(mesh(""), 6.0, false);
+    close(mesh("rel material:binding = </M>"), 3.0, false);
+    close(mesh("rel material:binding = </M>\nuniform token light:materialSyncMode = \"independent\""), 6.0, false);
+    close(mesh("rel material:binding = </M>\nuniform token light:materialSyncMode = \"noMaterialResponse\""), 6.0, true);
 }

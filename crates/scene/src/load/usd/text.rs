@@ -381,9 +381,10 @@ impl Parser<'_> {
                     let key = if word == "inherits" { Key::InheritPaths } else { Key::Specializes };
                     self.edit_paths(path, key, edit, items);
                 }
-                "variantSets" => {
+                "variantSets" | "apiSchemas" => {
                     let items = if self.eat_word("None") { vec![] } else { self.items()?.texts };
-                    self.edit_paths(path, Key::VariantSetNames, edit, items);
+                    let key = if word == "apiSchemas" { Key::ApiSchemas } else { Key::VariantSetNames };
+                    self.edit_paths(path, key, edit, items);
                 }
                 "variants" => {
                     let chosen = self.selections()?;
@@ -397,6 +398,7 @@ impl Parser<'_> {
                         | Key::Clips
                         | Key::DefaultPrim
                         | Key::FramesPerSecond
+                        | Key::Instanceable
                         | Key::Interpolation
                         | Key::MetersPerUnit
                         | Key::StartTimeCode

@@ -1,12 +1,11 @@
 //! The walk over the stage: what each prim becomes.
 
-use super::geometry;
 use super::layer::{Key, Value};
-use super::material_binding::Bound;
+use super::material_binding::{Bound, DisplayColor};
 use super::mesh_parts::{MeshPart, Meshes, Part};
 use super::stage::{Prim, Stage};
-use super::world::{Drawn, Form, FormKey, MOST_OBJECTS, Place, Read, World, affine};
-use super::{camera, curves, error, light, skeleton, subdivision, transform};
+use super::world::{Form, FormKey, Place, Read, SHOWN_WITHOUT, World, affine};
+use super::{camera, collections, curves, geometry, light, skeleton, subdivision, transform};
 use crate::load::pbrt::shapes;
 use crate::load::{DisplacedSurface, displaced};
 use crate::motion::{
@@ -14,13 +13,10 @@ use crate::motion::{
 };
 use crate::scene::{Description, Object, Shape};
 use crate::shape::Curves;
-use glam::{DMat4, DVec3, Vec3};
+use glam::{DMat4, Vec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::sync::Arc;
-
-/// Deepest that instancers lie in prototypes of instancers.
-const DEEPEST_INSTANCER: usize = 16;
 
 /// What a form is other than meshes.
 enum Other {
@@ -37,8 +33,11 @@ impl World<'_> {
             node: None,
             local: self.root,
             world: self.root,
-            material: None,
+            bindings: None,
             color: None,
+            opacity: None,
+            instance_color: None,
+            invisible: false,
             hidden: false,
             instancers: 0,
             in_skel_root: false,
@@ -51,10 +50,10 @@ impl World<'_> {
             self.walk(children, place)?;
         }
         self.build()?;
+        camera::conform(&mut self);
         let missing = &self.stage.missing;
         if !missing.is_empty() {
-            let text =
-                format!("{}: files that could not be read, without which the scene is shown: {}", self.name, missing.join(", "));
+            let text = format!("{}: files that could not be read{SHOWN_WITHOUT}: {}", self.name, missing.join(", "));
             self.description.warnings.push(text);
         }
         if !self.left_out.is_empty() {
@@ -66,14 +65,11 @@ impl World<'_> {
             self.description.animations.push(animation);
             self.description.playing = AnimationPlayback { animations: vec![0], ending: Extrapolation::Clamp, frozen_at_s: None };
         }
-        for view in &mut self.description.cameras {
-            view.film.size = self.size;
-        }
         Ok(self.description)
     }
 
     /// Draws prims and all below them.
-    fn walk(&mut self, prims: Vec<Arc<Prim>>, place: Place) -> Read<()> {
+    pub(super) fn walk(&mut self, prims: Vec<Arc<Prim>>, place: Place) -> Read<()> {
         let mut open: Vec<(Arc<Prim>, Place)> = prims.into_iter().rev().map(|p| (p, place.clone())).collect();
         while let Some((prim, place)) = open.pop() {
             if let Some(inner) = self.prim(&prim, place)? {
@@ -102,10 +98,14 @@ impl World<'_> {
         let text = |stage: &Stage, name: &str| -> Read<Option<Arc<str>>> {
             Ok(stage.value(prim, name)?.as_ref().and_then(Value::text).cloned())
         };
-        if text(&self.stage, "visibility")?.is_some_and(|v| &*v == "invisible") {
+        let mut outer = outer;
+        outer.invisible |= text(&self.stage, "visibility")?.is_some_and(|v| &*v == "invisible");
+        if self.stage.is_changing_text(prim, "visibility")? {
+            self.skip_unsupported("visibility that changes");
+        }
+        if outer.invisible && !self.holds_camera(prim) {
             return Ok(None);
         }
-        let mut outer = outer;
         if let Some(purpose) = text(&self.stage, "purpose")? {
             outer.hidden = matches!(&*purpose, "proxy" | "guide");
         }
@@ -118,17 +118,10 @@ impl World<'_> {
         if has_skin && self.stage.attribute(prim, "primvars:skel:jointIndices")?.is_some() {
             self.skip_unsupported("skins of what is no mesh");
         }
-        let strong = place.material.as_ref().is_some_and(|m| m.1);
-        if let Some(bound) = self.binding(prim)?.filter(|_| !strong) {
-            place.material = Some(bound);
-        }
-        if let Some(color) = self.constant_color(prim)? {
-            place.color = Some(color);
-        }
-        if let Some(class) = self.class(prim)? {
-            place.class = Some(class);
-        }
+        self.hand_down(prim, &mut place)?;
         match &*kind {
+            "Camera" => camera::add(self, prim, &place)?,
+            _ if place.invisible => (),
             "PointInstancer" if place.hidden => return Ok(None),
             "Mesh" | "Sphere" | "Cube" | "Cylinder" | "Cone" | "Capsule" | "Plane" | "Cylinder_1" | "Capsule_1"
             | "BasisCurves"
@@ -142,7 +135,6 @@ impl World<'_> {
                 self.instances(prim, &place)?;
                 return Ok(None);
             }
-            "Camera" => camera::add(self, prim, &place)?,
             "DistantLight" | "SphereLight" | "RectLight" | "DiskLight" | "CylinderLight" | "DomeLight" | "DomeLight_1" => {
                 light::add(self, &kind, prim, &place)?;
             }
@@ -155,6 +147,42 @@ impl World<'_> {
             _ => (),
         }
         Ok(Some(place))
+    }
+
+    /// Whether a prim is a camera, or one is below it. What cannot be read holds none.
+    fn holds_camera(&mut self, prim: &Arc<Prim>) -> bool {
+        let mut open = vec![prim.clone()];
+        while let Some(prim) = open.pop() {
+            if !self.stage.is_drawn(&prim).unwrap_or(false) {
+                continue;
+            }
+            match self.stage.type_name(&prim).as_deref() {
+                Ok("Camera") => return true,
+                Ok("PointInstancer" | "Mesh" | "Material") | Err(_) => (),
+                Ok(_) => open.extend(self.stage.children(&prim).unwrap_or_default()),
+            }
+        }
+        false
+    }
+
+    /// Follows what a prim says of materials, colours and classes to what is below it.
+    pub(super) fn hand_down(&mut self, prim: &Prim, place: &mut Place) -> Read<()> {
+        let (bindings, has_expressions) = collections::bindings(&mut self.stage, prim, place.bindings.take())?;
+        place.bindings = bindings;
+        if has_expressions {
+            self.skip_unsupported("materials of collections by path expressions");
+        }
+        if let Some(color) = self.constant_color(prim)? {
+            (place.color, place.instance_color) = (Some(color), None);
+        }
+        let opacity = self.stage.value(prim, "primvars:displayOpacity")?.and_then(|v| v.floats());
+        if let Some([opacity]) = opacity.as_deref() {
+            place.opacity = Some(opacity.clamp(0.0, 1.0));
+        }
+        if let Some(class) = self.class(prim)? {
+            place.class = Some(class);
+        }
+        Ok(())
     }
 
     /// The class that a prim gives itself and all below it: the first label of the taxonomies `class` and `category` (OpenUSD, UsdSemantics), or what Omniverse wrote before these.
@@ -238,27 +266,32 @@ impl World<'_> {
         Ok(place)
     }
 
-    /// The material that a prim is bound to, and whether that holds for all below.
-    fn binding(&self, prim: &Prim) -> Read<Option<(String, bool)>> {
-        for name in ["material:binding:full", "material:binding", "material:binding:preview"] {
-            if let Some(path) = self.stage.targets(prim, name, Key::TargetPaths)?.into_iter().next() {
-                let strength = self.stage.property_field(prim, name, Key::BindMaterialAs)?;
-                let strong = strength.as_ref().and_then(Value::text).is_some_and(|t| &**t == "strongerThanDescendants");
-                return Ok(Some((path, strong)));
-            }
-        }
-        Ok(None)
-    }
-
     fn constant_color(&self, prim: &Prim) -> Read<Option<Vec3>> {
         let color = self.stage.value(prim, "primvars:displayColor")?.and_then(|v| v.floats());
         Ok(color.filter(|c| c.len() == 3).map(|c| Vec3::from_slice(&c)))
     }
 
-    fn bound(&mut self, material: Option<&(String, bool)>, color: Option<Vec3>, has_colors: bool) -> Read<Bound> {
-        match material {
-            Some((path, _)) => self.material(path, color, has_colors),
-            None => Ok(self.plain(color, has_colors)),
+    /// The material of what is bound to one of a path; `own`: how many colours it has itself, where shaders can read them.
+    fn bound(&mut self, material: Option<&str>, place: &Place, own: usize) -> Read<Bound> {
+        if let Some(path) = material {
+            let read = match (own > 0, place.color) {
+                (true, _) => DisplayColor::OfPrim,
+                (false, Some(color)) => DisplayColor::Inherited(color.to_array().map(f32::to_bits)),
+                (false, None) => DisplayColor::Absent,
+            };
+            if let Some(bound) = self.material(path, read)? {
+                if place.opacity.is_some_and(|o| o < 1.0) {
+                    self.skip_unsupported("display opacities of what has a material");
+                }
+                if own == 0 && place.instance_color.is_some() && self.reads_display_color(path)? {
+                    self.skip_unsupported("colours of instances that materials read");
+                }
+                return Ok(bound);
+            }
+        }
+        match place.instance_color.filter(|_| own == 0) {
+            Some(number) => Ok(Bound { number, uvs: vec![], colors: false, displacement: None }),
+            None => Ok(self.plain(place.color, place.opacity, own > 1)),
         }
     }
 
@@ -267,11 +300,19 @@ impl World<'_> {
             self.skip_unsupported("points that move by themselves");
         }
         let (binding, shapes) = skeleton::binding(self, prim, place)?.unzip();
-        let has_colors = self.stage.value(prim, "primvars:displayColor")?.and_then(|v| v.floats()).is_some_and(|c| c.len() > 3);
+        let own = self.stage.value(prim, "primvars:displayColor")?.and_then(|v| v.floats()).map_or(0, |c| c.len() / 3);
         let mut key = self.stage.fingerprint(prim);
         let mut parts = Vec::new();
-        let whole = self.bound(place.material.as_ref(), place.color, has_colors)?;
-        parts.push(Part::new(None, &whole));
+        let light = light::of_mesh(self, prim)?;
+        let material = collections::material(place.bindings.as_ref(), &prim.path).map(|m| m.0.as_str());
+        if material.is_none() {
+            let opacity = self.stage.value(prim, "primvars:displayOpacity")?.and_then(|v| v.floats());
+            if opacity.is_some_and(|o| o.len() > 1 && o.iter().any(|o| *o < 1.0)) {
+                self.skip_unsupported("opacities that differ within a mesh");
+            }
+        }
+        let whole = self.bound(material, place, own)?;
+        parts.push(Part::new(None, &self.shining(whole, light.as_ref())));
         for child in self.stage.children(prim)? {
             if &*self.stage.type_name(&child)? != "GeomSubset" || !self.stage.is_drawn(&child)? {
                 continue;
@@ -280,11 +321,12 @@ impl World<'_> {
             if kind.as_ref().and_then(Value::text).is_some_and(|k| &**k != "face") {
                 continue;
             }
-            if let Some(bound) = self.binding(&child)? {
-                let strong = place.material.as_ref().filter(|m| m.1);
-                let bound = self.bound(strong.or(Some(&bound)), place.color, has_colors)?;
+            let (bindings, _) = collections::bindings(&mut self.stage, &child, place.bindings.clone())?;
+            let of_part = collections::material(bindings.as_ref(), &child.path).map(|m| m.0.as_str());
+            if of_part != material {
+                let bound = self.bound(of_part, place, own)?;
                 key.extend(self.stage.fingerprint(&child));
-                parts.push(Part::new(Some(child), &bound));
+                parts.push(Part::new(Some(child), &self.shining(bound, light.as_ref())));
             }
         }
         let key = FormKey::Mesh(key, parts.iter().map(|p| p.material).collect(), binding.is_some());
@@ -304,7 +346,8 @@ impl World<'_> {
         if colors.is_some_and(|c| c.len() > 3) {
             self.skip_unsupported("colours that differ from curve to curve");
         }
-        let material = self.bound(place.material.as_ref(), place.color, false)?.number;
+        let material = collections::material(place.bindings.as_ref(), &prim.path).map(|m| m.0.as_str());
+        let material = self.bound(material, place, 0)?.number;
         let key = FormKey::Mesh(self.stage.fingerprint(prim), vec![material], false);
         let form = self.form(key, || Form::Curves { prim: prim.clone(), material });
         self.draw(prim.name(), form, place)
@@ -312,9 +355,10 @@ impl World<'_> {
 
     /// Cubes, spheres and the like.
     fn solid(&mut self, kind: &str, prim: &Prim, place: &Place) -> Read<()> {
-        let material = self.bound(place.material.as_ref(), place.color, false)?.number;
+        let material = collections::material(place.bindings.as_ref(), &prim.path).map(|m| m.0.as_str());
+        let material = self.bound(material, place, 0)?.number;
         let number = |name: &str, default: f64| -> Read<f64> {
-            Ok(self.stage.value(prim, name)?.and_then(|v| v.number()).filter(|v| v.is_finite() && *v > 0.0).unwrap_or(default))
+            Ok(self.stage.value(prim, name)?.and_then(|v| v.number()).filter(|v| v.is_finite() && *v >= 0.0).unwrap_or(default))
         };
         let axis = self.stage.value(prim, "axis")?.as_ref().and_then(Value::text).map_or("Z".to_owned(), |a| a.to_string());
         let sizes = match kind {
@@ -330,98 +374,21 @@ impl World<'_> {
                 vec![number("radiusBottom", radius)?, number("radiusTop", radius)?, number("height", 2.0)?]
             }
         };
+        let is_empty = match (kind, &sizes[..]) {
+            ("Plane", [width, length]) => width * length == 0.0,
+            (_, [size]) => *size == 0.0,
+            (_, [bottom, top, ..]) => bottom.max(*top) == 0.0,
+            _ => false,
+        };
+        if is_empty {
+            return Ok(());
+        }
         let key = FormKey::Solid(format!("{kind} {axis}"), sizes.iter().map(|s| s.to_bits()).collect(), material);
         let form = self.form(key, || match kind {
             "Sphere" => Form::Ball { radius: sizes[0], material },
             _ => Form::Ready { mesh: geometry::solid(kind, &axis, &sizes), material },
         });
         self.draw(prim.name(), form, place)
-    }
-
-    /// Copies of prototypes. Source: OpenUSD, `UsdGeomPointInstancer`: scale, then orientation, then position.
-    fn instances(&mut self, prim: &Arc<Prim>, place: &Place) -> Read<()> {
-        if place.instancers >= DEEPEST_INSTANCER {
-            return Err(error(
-                &self.name,
-                format!("{}: instancers within instancers", prim.path),
-                format!("at most {DEEPEST_INSTANCER} deep"),
-            ));
-        }
-        for name in ["positions", "orientations", "scales"] {
-            if self.stage.is_animated(prim, name)? {
-                self.skip_unsupported("instances that move by themselves");
-            }
-        }
-        let list = |stage: &Stage, name: &str| -> Read<Arc<[f32]>> {
-            Ok(stage.value(prim, name)?.and_then(|v| v.floats()).unwrap_or_else(|| Arc::new([])))
-        };
-        let ints = |stage: &Stage, name: &str| -> Read<Arc<[i32]>> {
-            Ok(stage.value(prim, name)?.and_then(|v| v.ints()).unwrap_or_else(|| Arc::new([])))
-        };
-        let targets = self.stage.targets(prim, "prototypes", Key::TargetPaths)?;
-        let mut prototypes: Vec<Vec<Drawn>> = Vec::new();
-        for path in targets {
-            let before = self.drawn.len();
-            let inner = Place {
-                node: None,
-                local: DMat4::IDENTITY,
-                world: DMat4::IDENTITY,
-                instancers: place.instancers + 1,
-                ..place.clone()
-            };
-            match self.stage.prim(&path)? {
-                Some(prototype) => self.walk(vec![prototype], inner)?,
-                None => self.skip_unsupported("prototypes that are not there"),
-            }
-            prototypes.push(self.drawn.split_off(before));
-        }
-        let (which, positions, scales) =
-            (ints(&self.stage, "protoIndices")?, list(&self.stage, "positions")?, list(&self.stage, "scales")?);
-        let mut turns = list(&self.stage, "orientationsf")?;
-        if turns.is_empty() {
-            turns = list(&self.stage, "orientations")?;
-        }
-        let hidden = ints(&self.stage, "invisibleIds")?;
-        let hidden: std::collections::HashSet<i32> = hidden.iter().copied().collect();
-        let ids = ints(&self.stage, "ids")?;
-        let count = which.len().min(positions.len() / 3);
-        if count < which.len() {
-            self.skip_unsupported("instances without a position");
-        }
-        for i in 0..count {
-            let id = ids.get(i).copied().unwrap_or(i as i32);
-            if hidden.contains(&id) {
-                continue;
-            }
-            let Some(prototype) = usize::try_from(which[i]).ok().and_then(|n| prototypes.get(n)) else {
-                self.skip_unsupported("instances of prototypes that are not there");
-                continue;
-            };
-            let at = DVec3::from_array(std::array::from_fn(|k| f64::from(positions[3 * i + k])));
-            let scale = scales.get(3 * i..3 * i + 3).map_or(DVec3::ONE, |s| Vec3::from_slice(s).as_dvec3());
-            let turn =
-                turns.get(4 * i..4 * i + 4).map(|q| glam::DQuat::from_xyzw(q[1].into(), q[2].into(), q[3].into(), q[0].into()));
-            let turn = turn.filter(|q| q.length_squared() > 1e-12).map_or(glam::DQuat::IDENTITY, |q| q.normalize());
-            let instance = DMat4::from_scale_rotation_translation(scale, turn, at);
-            if !instance.is_finite() {
-                self.skip_unsupported("instances that are nowhere");
-                continue;
-            }
-            if self.drawn.len() + prototype.len() > MOST_OBJECTS {
-                return Err(error(&self.name, format!("more than {MOST_OBJECTS} things"), "fewer instances"));
-            }
-            let (local, world) = (place.local * instance, place.world * instance);
-            self.drawn.extend(prototype.iter().map(|d| Drawn {
-                name: d.name.clone(),
-                form: d.form,
-                node: place.node,
-                local: local * d.local,
-                world: world * d.local,
-                binding: None,
-                class: d.class.clone(),
-            }));
-        }
-        Ok(())
     }
 
     /// Reads all meshes, and places everything.
@@ -492,7 +459,7 @@ impl World<'_> {
         for d in std::mem::take(&mut self.drawn) {
             if let Some((radius, material)) = balls[d.form] {
                 if let (Some(sphere), None) = (shapes::sphere_in_world(radius as f32, d.local), d.node) {
-                    let ball = Object::new(d.name, Shape::Sphere(sphere), material);
+                    let ball = Object::new(&d.name, Shape::Sphere(sphere), d.material(material));
                     self.description.objects.push(Object { class: d.class, ..ball });
                     continue;
                 }
@@ -515,7 +482,7 @@ impl World<'_> {
             let world_from_mesh = affine(d.world);
             if let Some((curves, material)) = strands[d.form] {
                 let shape = Shape::Curves { curves, world_from_curves: world_from_mesh };
-                let (name, class) = (d.name.clone(), d.class.clone());
+                let (name, class, material) = (d.name.clone(), d.class.clone(), d.material(material));
                 self.description.objects.push(Object { name, shape, material, motion, class });
             }
             for (mesh, material) in &numbers[d.form] {
@@ -530,8 +497,8 @@ impl World<'_> {
                     }
                 }
                 let shape = Shape::Mesh { mesh: *mesh, world_from_mesh };
-                let (name, class) = (d.name.clone(), d.class.clone());
-                self.description.objects.push(Object { name, shape, material: *material, motion, class });
+                let (name, class, material) = (d.name.clone(), d.class.clone(), d.material(*material));
+                self.description.objects.push(Object { name, shape, material, motion, class });
             }
         }
         Ok(())

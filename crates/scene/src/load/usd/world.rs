@@ -1,11 +1,12 @@
 //! The [`Description`] in the making: what is drawn where, and what readers of prims ask of it.
 
+use super::collections::Bindings;
 use super::error;
 use super::layer::{Key, Value};
 use super::material_binding::Shaders;
 use super::mesh_parts::Part;
 use super::skeleton_binding::{Binding, Bones};
-use super::stage::{Prim, Stage};
+use super::stage::{Fingerprint, Prim, Stage};
 use crate::SceneError;
 use crate::load::Fetch;
 use crate::motion::{Channel, Local, Node};
@@ -15,6 +16,8 @@ use glam::{Affine3A, DMat4, DVec3, Vec3};
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
+/// What a warning says of files that are missing, where something is shown.
+pub(super) const SHOWN_WITHOUT: &str = ", without which the scene is shown";
 /// Most things in a scene.
 pub(super) const MOST_OBJECTS: usize = 1 << 24;
 
@@ -27,10 +30,16 @@ pub(super) struct Place {
     pub local: DMat4,
     /// The prim's space in the world at the scene's first time.
     pub world: DMat4,
-    /// Path of the material, and whether it is stronger than those below.
-    pub material: Option<(String, bool)>,
-    /// Colour of what has no material.
+    /// What it and what is around it bind materials to.
+    pub bindings: Option<Arc<Bindings>>,
+    /// Colour of what has no material, and of what reads it.
     pub color: Option<Vec3>,
+    /// Opacity of what has no material.
+    pub opacity: Option<f32>,
+    /// The material that stands for the colours of an instancer's instances, where no colour is nearer.
+    pub instance_color: Option<u32>,
+    /// Whether it or what is around it is invisible: only cameras are looked for.
+    pub invisible: bool,
     /// Whether its purpose, its own or that of what is around it, is not to be drawn.
     pub hidden: bool,
     /// How many instancers are around.
@@ -55,6 +64,15 @@ pub(super) struct Drawn {
     /// The skeleton that bends it.
     pub binding: Option<Arc<Binding>>,
     pub class: Option<Arc<str>>,
+    /// A material that another takes the place of.
+    pub recolored: Option<[u32; 2]>,
+}
+
+impl Drawn {
+    /// The material of a part of it.
+    pub fn material(&self, of_form: u32) -> u32 {
+        self.recolored.filter(|r| r[0] == of_form).map_or(of_form, |r| r[1])
+    }
 }
 
 /// What a form is made of.
@@ -86,8 +104,19 @@ pub(super) enum Form {
 #[derive(PartialEq, Eq, Hash)]
 pub(super) enum FormKey {
     /// Opinions, materials, and whether a skeleton may bend it.
-    Mesh(Vec<(usize, String)>, Vec<u32>, bool),
+    Mesh(Fingerprint, Vec<u32>, bool),
     Solid(String, Vec<u64>, u32),
+}
+
+/// What becomes of an aperture whose sides are not those of the picture. Source: OpenUSD, `UsdRenderSettingsBase`, `aspectRatioConformPolicy`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Conform {
+    Expand,
+    Crop,
+    Width,
+    Height,
+    /// It stays, and pixels are no squares.
+    Pixels,
 }
 
 pub(super) struct World<'a> {
@@ -109,7 +138,10 @@ pub(super) struct World<'a> {
     pub skeletons: HashMap<Arc<str>, Place>,
     /// Skeletons that were asked for; `None` of those that hold nothing.
     pub bones: HashMap<Arc<str>, Option<Arc<Bones>>>,
-    pub size: Option<[usize; 2]>,
+    /// Columns and rows of the picture, and how apertures are made to fit them.
+    pub size: Option<([usize; 2], Conform)>,
+    /// Apertures of the cameras over their focal lengths, horizontal and vertical.
+    pub apertures: Vec<[f64; 2]>,
 }
 
 pub(super) type Read<T> = Result<T, SceneError>;
@@ -146,6 +178,7 @@ impl<'a> World<'a> {
             skeletons: HashMap::new(),
             bones: HashMap::new(),
             size: None,
+            apertures: vec![],
         })
     }
 
@@ -185,7 +218,16 @@ impl<'a> World<'a> {
             return Err(error(&self.name, format!("more than {MOST_OBJECTS} things"), "fewer"));
         }
         let Place { node, local, world, .. } = *place;
-        self.drawn.push(Drawn { name: name.to_owned(), form, node, local, world, binding: None, class: place.class.clone() });
+        self.drawn.push(Drawn {
+            name: name.to_owned(),
+            form,
+            node,
+            local,
+            world,
+            binding: None,
+            class: place.class.clone(),
+            recolored: None,
+        });
         Ok(())
     }
 

@@ -5,7 +5,8 @@ use crate::load::usd::layer::Value;
 use crate::load::usd::stage::Prim;
 use crate::load::usd::world::World;
 use crate::load::{note_missing, read_texture, stand_in};
-use crate::texture::{Codes, Color, Graph, Image, Interpolation, Scalar, Texture, Wrap};
+use crate::texture::{Codes, Color, Graph, Image, Interpolation, Scalar, Texel, Texels, Texture, Wrap};
+use diopter_light::color::srgb_decode;
 use glam::{Affine2, Vec2, Vec3, Vec4};
 use std::sync::Arc;
 
@@ -54,7 +55,40 @@ impl World<'_> {
         };
         // (2, 2, 2) and −1 are the usual scale and bias; without them the picture is meant all the same.
         let scale = if picture.bias.x == 0.0 { 1.0 } else { 0.5 * picture.scale.x.abs() };
-        Ok(picture.texture.map(|t| (t, strength * scale)))
+        // Scales below 0 invert channels: green runs down in maps made for DirectX.
+        let flips = picture.scale.truncate().to_array().map(|s| s < 0.0);
+        Ok(picture.texture.map(|t| (Texture { image: self.flipped(&t.image, flips), ..t }, strength * scale)))
+    }
+
+    /// A picture with some channels inverted (1 − value).
+    fn flipped(&mut self, image: &Arc<Image>, flips: [bool; 3]) -> Arc<Image> {
+        if flips == [false; 3] {
+            return image.clone();
+        }
+        let known = self.shaders.flipped.iter().find(|(of, f, _)| Arc::ptr_eq(of, image) && *f == flips);
+        if let Some((_, _, made)) = known {
+            return made.clone();
+        }
+        let pixels = (0..image.height).flat_map(|row| (0..image.width).map(move |column| (column, row)));
+        let mut codes = Vec::new();
+        let mut numbers = Vec::new();
+        for (column, row) in pixels {
+            match image.texel(column, row) {
+                Texel::Codes(mut c) => {
+                    (0..3).filter(|i| flips[*i]).for_each(|i| c[i] = 255 - c[i]);
+                    codes.push(c);
+                }
+                other => {
+                    let mut c = numbers_of(other, Codes::Linear).to_array();
+                    (0..3).filter(|i| flips[*i]).for_each(|i| c[i] = 1.0 - c[i]);
+                    numbers.push(c);
+                }
+            }
+        }
+        let texels = if numbers.is_empty() { Texels::Codes(codes) } else { Texels::Linear(numbers) };
+        let made = Arc::new(Image::of_texels(image.width, image.height, texels));
+        self.shaders.flipped.push((image.clone(), flips, made.clone()));
+        made
     }
 
     /// The picture that a shader reads; none of other shaders.
@@ -180,7 +214,39 @@ fn set_of(uses: &mut Uses, varname: &str) -> usize {
     })
 }
 
+/// A pixel as numbers, of codes as they are meant.
+fn numbers_of(texel: Texel, codes: Codes) -> Vec4 {
+    match texel {
+        Texel::Codes(c) => {
+            let v = Vec4::from_array(c.map(|c| f32::from(c) / 255.0));
+            match codes {
+                Codes::Srgb => Vec3::from_array(v.truncate().to_array().map(srgb_decode)).extend(v.w),
+                _ => v,
+            }
+        }
+        Texel::Wide(c) => Vec4::from_array(c.map(|c| f32::from(c) / 65535.0)),
+        Texel::Linear(v) => Vec4::from_array(v),
+    }
+}
+
 impl Picture {
+    /// A picture that shines: one image, since lamps have no graphs. Bias and channel are put into its pixels.
+    pub fn light(self) -> Color {
+        let Picture { texture: Some(texture), fallback: None, scale, bias, channel } = &self else { return self.color() };
+        if channel.is_none() && bias.truncate() == Vec3::ZERO {
+            return self.color();
+        }
+        let image = &texture.image;
+        let pixels = (0..image.height).flat_map(|row| (0..image.width).map(move |column| image.texel(column, row)));
+        let pixels = pixels.map(|texel| {
+            let value = *scale * numbers_of(texel, texture.codes) + *bias;
+            let rgb = channel.map_or(value.truncate(), |c| Vec3::splat(value[c]));
+            rgb.max(Vec3::ZERO).extend(1.0).to_array()
+        });
+        let made = Image::of_texels(image.width, image.height, Texels::Linear(pixels.collect()));
+        Color::Textured { factor: Vec3::ONE, texture: Texture { image: Arc::new(made), ..texture.clone() } }
+    }
+
     /// A channel of it as a graph.
     fn graph(texture: Texture, channel: usize) -> Arc<Graph> {
         let unit = |i: usize| if channel == i { 1.0 } else { 0.0 };

@@ -129,3 +129,54 @@ fn times_of_references_are_shifted() {
     assert_eq!(times, [5.0, 25.0, 45.0]);
     assert_eq!(number(&mut stage, "/A", "v"), Some(2.0));
 }
+
+#[test]
+fn time_codes_of_layers_are_as_long_as_they_say() {
+    // OpenUSD 26.11 gives the same times.
+    let all = [
+        (
+            "inner.usda",
+            "#usda 1.0\n( defaultPrim = \"A\"\n timeCodesPerSecond = 48 )\ndef \"A\" { double v.timeSamples = { 0: 0, 48: 1 } }",
+        ),
+        ("sub.usda", "#usda 1.0\n( framesPerSecond = 48 )\ndef \"X\" ( references = @inner.usda@ (offset = 48) ) {}"),
+    ];
+    let fetch = files(&all);
+    let text = "#usda 1.0\n( subLayers = [@sub.usda@] )\ndef \"Y\" ( references = @inner.usda@ (offset = 10; scale = 2) ) {}";
+    let mut stage = Stage::new(text.into(), "s.usda", &fetch).unwrap();
+    for (path, expected) in [("/X", [24.0, 48.0]), ("/Y", [10.0, 58.0])] {
+        let prim = stage.prim(path).unwrap().unwrap();
+        let found = stage.attribute(&prim, "v").unwrap().unwrap();
+        let times: Vec<f64> = stage.samples(&found).unwrap().unwrap().iter().map(|s| s.0).collect();
+        assert_eq!(times, expected, "{path}");
+    }
+}
+
+#[test]
+fn overrides_below_instances_are_discarded() {
+    let all = [
+        (
+            "a.usda",
+            "#usda 1.0\n( defaultPrim = \"A\" )\ndef \"A\" ( variantSets = \"s\" ) { int own = 1\ndef \"q\" { int v = 1 }\nvariantSet \"s\" = { \"b\" { over \"q\" { int w = 2 } } } }",
+        ),
+        (
+            "b.usda",
+            "#usda 1.0\n( defaultPrim = \"B\" )\ndef \"B\" { def \"I\" ( instanceable = true\n references = @a.usda@ ) { over \"q\" { int v = 5 } } }",
+        ),
+    ];
+    let fetch = files(&all);
+    let body = "{ int own = 7\nover \"q\" { int v = 9 }\ndef \"new\" {} }";
+    let text = format!(
+        "#usda 1.0\ndef \"I\" ( instanceable = true\n references = @a.usda@\n variants = {{ string s = \"b\" }} ) {body}\ndef \"F\" ( references = @a.usda@ ) {body}\n\
+        def \"O\" ( references = @b.usda@ ) {{ over \"I\" {body} }}\ndef \"N\" ( instanceable = true ) {body}"
+    );
+    // OpenUSD 26.11 gives the same numbers.
+    let mut stage = Stage::new(text.into(), "s.usda", &fetch).unwrap();
+    assert_eq!(number(&mut stage, "/I/q", "w"), Some(2.0));
+    for (path, value, children) in [("/I", 1.0, 1), ("/F", 9.0, 2), ("/O/I", 1.0, 1), ("/N", 9.0, 2)] {
+        assert_eq!(number(&mut stage, &format!("{path}/q"), "v"), Some(value), "{path}");
+        // The instance itself is edited as any other prim.
+        assert_eq!(number(&mut stage, path, "own"), Some(7.0), "{path}");
+        let prim = stage.prim(path).unwrap().unwrap();
+        assert_eq!(stage.children(&prim).unwrap().len(), children, "{path}");
+    }
+}

@@ -7,6 +7,9 @@ use std::sync::Arc;
 /// A time code and the numbers then.
 pub type TimeSample = (f64, Arc<[f64]>);
 
+/// Stack, path and time shift of each opinion.
+pub type Fingerprint = Vec<(usize, String, [u64; 2])>;
+
 /// A value and the layer that says it.
 pub struct Found {
     pub value: Value,
@@ -122,6 +125,41 @@ impl Stage<'_> {
         Ok(None)
     }
 
+    /// Whether an attribute of words has samples that differ.
+    pub fn is_changing_text(&self, prim: &Prim, name: &str) -> Read<bool> {
+        let Some(Found { value: Value::Samples(list), layer, .. }) = self.attribute(prim, name)? else { return Ok(false) };
+        let mut first: Option<Option<Arc<str>>> = None;
+        for (_, field) in list.iter() {
+            let text = self.layers[layer].read(field)?.text().cloned();
+            if *first.get_or_insert_with(|| text.clone()) != text {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// Whether an API schema is applied to a prim: "MeshLightAPI".
+    pub fn has_schema(&self, prim: &Prim, schema: &str) -> Read<bool> {
+        let mut edits = Vec::new();
+        for (layer, site, _) in self.opinions(prim) {
+            if let Some(Value::List(list)) = self.layers[layer].get(&site.path, Key::ApiSchemas)? {
+                edits.push(list);
+            }
+        }
+        let mut all: Vec<Arc<str>> = Vec::new();
+        edits.iter().rev().for_each(|e| e.apply(&mut all));
+        Ok(all.iter().any(|s| &**s == schema))
+    }
+
+    /// Names of the relationships by which a prim binds materials to collections, in order: "material:binding:collection:red".
+    pub fn collection_bindings(&self, prim: &Prim) -> Vec<String> {
+        let own = self.opinions(prim).flat_map(|(layer, site, _)| self.layers[layer].collection_bindings(&site.path));
+        let mut names: Vec<String> = own.map(str::to_owned).collect();
+        names.sort_unstable();
+        names.dedup();
+        names
+    }
+
     /// Names of the in-between shapes of a blend shape, in order: "inbetweens:half".
     pub fn inbetweens(&self, prim: &Prim) -> Vec<String> {
         let mut names: Vec<String> = self
@@ -167,8 +205,13 @@ impl Stage<'_> {
         }))
     }
 
-    /// What tells prims apart: two of the same have the same opinions, wherever they stand in the scene.
-    pub fn fingerprint(&self, prim: &Prim) -> Vec<(usize, String)> {
-        prim.sites.iter().map(|s| (s.stack, s.path.clone())).collect()
+    /// What tells prims apart: two of the same have the same opinions, at the same times, wherever they stand in the scene.
+    pub fn fingerprint(&self, prim: &Prim) -> Fingerprint {
+        let of = |s: &Site| {
+            let is_sampled = self.stacks[s.stack].layers.iter().any(|(l, _)| self.layers[*l].has_samples(&s.path));
+            let shift = if is_sampled { s.link.shift } else { TimeShift::NONE };
+            (s.stack, s.path.clone(), [shift.offset, shift.scale].map(f64::to_bits))
+        };
+        prim.sites.iter().map(of).collect()
     }
 }
