@@ -1,4 +1,4 @@
-//! Wavefront OBJ: meshes with their materials ([`mtl`]). They bring no light but what glows: the shot adds a studio, a sky or a map.
+//! Wavefront OBJ: meshes with their materials (`mtl`). They bring no light but what glows: the shot adds a studio, a sky or a map.
 
 mod mtl;
 
