@@ -47,11 +47,6 @@ pub struct DarkCurrent {
 }
 
 impl DarkCurrent {
-    /// What to say to somebody who sets a temperature, if the sheet of a sensor of this name says nothing of dark current.
-    pub fn ignored_temperature(&self, name: &str) -> Option<String> {
-        self.points.is_empty().then(|| format!("the sheet of {name} has no dark current: its temperature changes nothing"))
-    }
-
     /// Current at a temperature, e⁻/s: between the points on a straight line of its logarithm.
     pub fn at(&self, celsius: f64) -> f64 {
         let (Some(first), Some(last)) = (self.points.first(), self.points.last()) else { return 0.0 };
@@ -169,6 +164,12 @@ pub struct Sensor {
 }
 
 impl Sensor {
+    /// What to say to somebody who sets a temperature, if the sheet says nothing of dark current.
+    pub fn ignored_temperature(&self) -> Option<String> {
+        let is_silent = self.dark_current.points.is_empty();
+        is_silent.then(|| format!("the sheet of {} has no dark current: its temperature changes nothing", self.name))
+    }
+
     /// Names of the embedded bodies.
     pub fn names() -> impl Iterator<Item = &'static str> {
         BODIES.iter().map(|b| b.0)

@@ -3,7 +3,7 @@
 use super::print_json;
 use crate::args::{BodyVerb, Emva, List, ReadOut};
 use crate::output::Output;
-use crate::watch::say;
+use crate::watch::{say, warn};
 use crate::{UsageError, paint};
 use anyhow::{Context, anyhow};
 use diopter::image::png;
@@ -25,18 +25,22 @@ pub fn run(verb: &BodyVerb, json: bool) -> anyhow::Result<()> {
     }
 }
 
-/// The body that is asked for, or the one the plane was exposed with. Fails on a body that is not known or cannot be read, and where the plane's is not embedded.
+/// The body that is asked for, or the one the plane was exposed with; warns of a temperature that changes nothing of it. Fails on a body that is not known or cannot be read, and where the plane's is not embedded.
 pub fn body_of(args: &ReadOut, exposed_with: &str) -> anyhow::Result<Sensor> {
-    if let Some(name) = &args.body {
-        return Ok(read_body(name)?);
+    let sensor = match &args.body {
+        Some(name) => read_body(name)?,
+        None => {
+            let named = Sensor::names().filter_map(|n| Sensor::named(n).ok()).find(|s| s.name == exposed_with);
+            named.with_context(|| {
+                let plane = args.plane.display();
+                format!("{plane}: it was exposed with \"{exposed_with}\", which is not embedded; give its file with --body")
+            })?
+        }
+    };
+    if let Some(ignored) = sensor.ignored_temperature().filter(|_| args.raw.temperature.is_some()) {
+        warn(&ignored);
     }
-    let named = Sensor::names().filter_map(|n| Sensor::named(n).ok()).find(|s| s.name == exposed_with);
-    named.with_context(|| {
-        format!(
-            "{}: it was exposed with \"{exposed_with}\", which is not embedded; give its file with --body",
-            args.plane.display()
-        )
-    })
+    Ok(sensor)
 }
 
 fn list(json: bool) -> anyhow::Result<()> {

@@ -5,7 +5,7 @@ use super::{open, print_json, read_plane};
 use crate::UsageError;
 use crate::args::ReadOut;
 use crate::output::{self, now};
-use crate::watch::{say, warn};
+use crate::watch::say;
 use anyhow::{Context, anyhow};
 use diopter::develop::Recipe;
 use diopter::from_light::{Channels, Place, focal_plane, of_plane};
@@ -77,11 +77,6 @@ pub fn run(args: &ReadOut, names: &[PathBuf], json: bool) -> anyhow::Result<()> 
     let truth_file = args.truth.as_deref().map(output::prepare_exr).transpose()?;
     let white = white_point(&args.white)?;
     let (sensor, plane) = exposed(args)?;
-    if args.raw.temperature.is_some()
-        && let Some(ignored) = sensor.dark_current.ignored_temperature(&sensor.name)
-    {
-        warn(&ignored);
-    }
     let reading = |k: usize| Reading {
         iso: sensor.resolve_iso(args.iso.map(|i| i.0), 0.0),
         seed: args.seed.wrapping_add(k as u64),

@@ -5,7 +5,7 @@ use super::{light, open, print_json, read_plane};
 use crate::UsageError;
 use crate::args::ReadOut;
 use crate::output::{self, now};
-use crate::watch::{say, warn};
+use crate::watch::say;
 use anyhow::{Context, anyhow};
 use diopter::develop::Recipe;
 use diopter::image::dng;
@@ -44,11 +44,6 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
     let place = || args.plane.display().to_string();
     let first = open_rows(&args.plane)?;
     let sensor = body_of(args, &first.facts().body)?;
-    if args.raw.temperature.is_some()
-        && let Some(ignored) = sensor.dark_current.ignored_temperature(&sensor.name)
-    {
-        warn(&ignored);
-    }
     // What the camera was set to, if it is this body that reads.
     let set = if args.body.is_none() { first.facts().iso_set } else { 0.0 };
     let reading = |k: usize| Reading {

@@ -50,7 +50,7 @@ impl ShotRequest {
             return Err(value("temperature", format!("{celsius} °C"), "-273 to 200 °C"));
         }
         if e.temperature_c.is_some()
-            && let Some(ignored) = sensor.dark_current.ignored_temperature(&sensor.name)
+            && let Some(ignored) = sensor.ignored_temperature()
         {
             warn(&ignored);
         }

@@ -409,13 +409,10 @@ pub(super) fn placement(
     let from_fov = |fov: f32| format::focal_length_for(film.height_mm, fov as f64);
     // The body's own lens, unless another lens or film is asked for.
     let own_lens = sensor.lens.filter(|_| is_ideal(c) && c.focal_length.is_none() && c.format.is_none());
-    let mut is_of_view = false;
-    let (focal_mm, own_f_number) = match (c.focal_length, view.and_then(Viewpoint::vertical_fov), own_lens) {
+    let fov = view.and_then(Viewpoint::vertical_fov).filter(|_| c.focal_length.is_none() && c.look_from.is_none());
+    let (focal_mm, own_f_number) = match (c.focal_length, fov, own_lens) {
         (Some(f), ..) => (f.0, None),
-        (None, Some(fov), _) if c.look_from.is_none() => {
-            is_of_view = true;
-            (from_fov(fov), None)
-        }
+        (None, Some(fov), _) => (from_fov(fov), None),
         (None, _, Some(own)) => (own.focal_length_mm, Some(own.f_number)),
         (None, _, None) => (usual_focal_length(framing.map_or(50.0, |f| f.focal_length_mm), c, sensor), None),
     };
@@ -473,7 +470,7 @@ pub(super) fn placement(
         subject_m,
         framed,
         focal_mm,
-        is_of_view,
+        is_of_view: fov.is_some(),
         lens_mm,
         own_f_number,
         calibrated: None,

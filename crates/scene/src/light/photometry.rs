@@ -145,6 +145,15 @@ impl Web {
             }
         };
         let candela: Vec<f32> = (0..vertical.len() * horizontal.len()).map(value).collect::<Result<_, _>>()?;
+        Web::new(kind, horizontal, vertical, candela)
+    }
+
+    /// A lamp that is the same all around its axis, by intensities (cd) at rising angles to it (degrees, from 0). Fails where all are 0.
+    pub(crate) fn round(vertical: Vec<f32>, candela: Vec<f32>) -> Result<Web, NotPhotometric> {
+        Web::new(Photometry::C, vec![0.0], vertical, candela)
+    }
+
+    fn new(kind: Photometry, horizontal: Vec<f32>, vertical: Vec<f32>, candela: Vec<f32>) -> Result<Web, NotPhotometric> {
         let peak = candela.iter().copied().fold(0.0, f32::max);
         let mut web = Web { kind, horizontal, vertical, candela, peak, lumens: 0.0 };
         web.check_range()?;

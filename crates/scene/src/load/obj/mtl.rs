@@ -119,12 +119,11 @@ impl Picture {
         if base == 0.0 {
             return Scalar::Textured { factor: factor * gain, texture, channel };
         }
-        let [mut color, mut alpha] = [Vec3::ZERO; 2];
-        match channel {
-            0..3 => color[channel] = 1.0,
-            _ => alpha.x = 1.0,
-        }
-        let picture = Graph::Image { texture, scale: 1.0, invert: false, as_number: Some([color, alpha]), mapping: None };
+        let weights = match channel {
+            0..3 => [Vec3::AXES[channel], Vec3::ZERO],
+            _ => [Vec3::ZERO, Vec3::ONE],
+        };
+        let picture = Graph::Image { texture, scale: 1.0, invert: false, as_number: Some(weights), mapping: None };
         let [from, to] = [base, base + gain].map(|v| Arc::new(Graph::Constant(Vec3::splat(factor * v))));
         Scalar::Graph(Arc::new(Graph::Mix(from, to, Arc::new(picture))))
     }

@@ -56,7 +56,7 @@ pub(super) struct Bindings {
 }
 
 /// The material that a prim of a path is bound to.
-pub(super) fn material<'a>(bindings: Option<&'a Arc<Bindings>>, path: &str) -> Option<&'a Binding> {
+pub(super) fn material<'a>(bindings: Option<&'a Arc<Bindings>>, path: &str) -> Option<&'a str> {
     let mut found: Option<&Binding> = None;
     for level in std::iter::successors(bindings, |b| b.outer.as_ref()) {
         let mut is_own = false;
@@ -69,7 +69,7 @@ pub(super) fn material<'a>(bindings: Option<&'a Arc<Bindings>>, path: &str) -> O
             found = Some(bound);
         }
     }
-    found
+    found.map(|(material, _)| material.as_str())
 }
 
 /// Bindings of a prim within others, and whether it has some to collections by path expressions, which are left out. Fails where a value is damaged in its file.

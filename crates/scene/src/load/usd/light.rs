@@ -259,17 +259,14 @@ pub fn add(world: &mut World, kind: &str, prim: &Arc<Prim>, place: &Place) -> Re
 /// Intensity of a spot over that on its axis, by the angle to it: a power of the cosine up to an edge (rad), which begins to fade at `1 − softness` of its angle.
 fn spot_table(exponent: f64, edge: f64, softness: f64) -> Option<Web> {
     let (inner, outer) = ((edge * (1.0 - softness)).cos(), edge.cos());
-    let angles: Vec<f64> = (0..=STEPS).map(|i| edge * i as f64 / STEPS as f64).collect();
-    let intensity = |angle: &f64| {
+    let intensity = |angle: f64| {
         let cos = angle.cos().max(0.0);
         let t = if softness > 0.0 { ((cos - outer) / (inner - outer)).clamp(0.0, 1.0) } else { 1.0 };
-        cos.powf(exponent) * t * t * (3.0 - 2.0 * t)
+        (cos.powf(exponent) * t * t * (3.0 - 2.0 * t)) as f32
     };
-    let list = |all: &mut dyn Iterator<Item = f64>| all.map(|v| format!("{v:.9} ")).collect::<String>();
-    let degrees = list(&mut angles.iter().map(|a| a.to_degrees()));
-    let numbers = list(&mut angles.iter().map(intensity));
-    let text = format!("TILT=NONE\n1 -1 1 {} 1 1 2 0 0 0 1 1 0\n{degrees}\n0\n{numbers}\n", STEPS + 1);
-    Web::read(text.as_bytes()).ok()
+    let angles = (0..=STEPS).map(|i| edge * i as f64 / STEPS as f64);
+    let (degrees, candela) = angles.map(|angle| (angle.to_degrees() as f32, intensity(angle))).unzip();
+    Web::round(degrees, candela).ok()
 }
 
 /// Adds a light without extent, carried by what its prim hangs on.

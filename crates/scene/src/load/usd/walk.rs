@@ -304,7 +304,7 @@ impl World<'_> {
         let mut key = self.stage.fingerprint(prim);
         let mut parts = Vec::new();
         let light = light::of_mesh(self, prim)?;
-        let material = collections::material(place.bindings.as_ref(), &prim.path).map(|m| m.0.as_str());
+        let material = collections::material(place.bindings.as_ref(), &prim.path);
         if material.is_none() {
             let opacity = self.stage.value(prim, "primvars:displayOpacity")?.and_then(|v| v.floats());
             if opacity.is_some_and(|o| o.len() > 1 && o.iter().any(|o| *o < 1.0)) {
@@ -322,7 +322,7 @@ impl World<'_> {
                 continue;
             }
             let (bindings, _) = collections::bindings(&mut self.stage, &child, place.bindings.clone())?;
-            let of_part = collections::material(bindings.as_ref(), &child.path).map(|m| m.0.as_str());
+            let of_part = collections::material(bindings.as_ref(), &child.path);
             if of_part != material {
                 let bound = self.bound(of_part, place, own)?;
                 key.extend(self.stage.fingerprint(&child));
@@ -346,7 +346,7 @@ impl World<'_> {
         if colors.is_some_and(|c| c.len() > 3) {
             self.skip_unsupported("colours that differ from curve to curve");
         }
-        let material = collections::material(place.bindings.as_ref(), &prim.path).map(|m| m.0.as_str());
+        let material = collections::material(place.bindings.as_ref(), &prim.path);
         let material = self.bound(material, place, 0)?.number;
         let key = FormKey::Mesh(self.stage.fingerprint(prim), vec![material], false);
         let form = self.form(key, || Form::Curves { prim: prim.clone(), material });
@@ -355,7 +355,7 @@ impl World<'_> {
 
     /// Cubes, spheres and the like.
     fn solid(&mut self, kind: &str, prim: &Prim, place: &Place) -> Read<()> {
-        let material = collections::material(place.bindings.as_ref(), &prim.path).map(|m| m.0.as_str());
+        let material = collections::material(place.bindings.as_ref(), &prim.path);
         let material = self.bound(material, place, 0)?.number;
         let number = |name: &str, default: f64| -> Read<f64> {
             Ok(self.stage.value(prim, name)?.and_then(|v| v.number()).filter(|v| v.is_finite() && *v >= 0.0).unwrap_or(default))
