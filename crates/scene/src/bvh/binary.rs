@@ -13,18 +13,32 @@ const REINSERTION_OF_FEW: f32 = 0.15;
 /// So many are few.
 const FEW: usize = 1 << 17;
 
-/// A binary tree over some of the primitives, whose leaves are single ones.
-pub(super) fn binary_tree(primitives: &impl Primitives, indices: &[u32]) -> Bvh2 {
-    let aabb = |i: &u32| {
-        let b = primitives.bounds(*i as usize);
-        Aabb::new(b.min.into(), b.max.into())
-    };
-    let boxes: Vec<Aabb> = indices.iter().map(aabb).collect();
-    let order: Vec<u32> = (0..indices.len() as u32).collect();
-    let mut tree =
-        PlocBuilder::with_capacity(boxes.len()).build(PlocSearchDistance::Medium, &boxes, order, SortPrecision::U64, 2);
-    drop(boxes);
-    let fraction = if primitives.len() <= FEW { REINSERTION_OF_FEW } else { REINSERTION };
-    ReinsertionOptimizer::default().run(&mut tree, fraction, None);
-    tree
+/// Builds binary trees, one after another in the same memory: what an allocator keeps of memory that is given back counts, too.
+#[derive(Default)]
+pub(super) struct BinaryBuilder {
+    ploc: PlocBuilder,
+    reinsertion: ReinsertionOptimizer,
+    boxes: Vec<Aabb>,
+    tree: Bvh2,
+}
+
+impl BinaryBuilder {
+    /// A binary tree over some of the primitives, whose leaves are single ones.
+    pub fn build(&mut self, primitives: &impl Primitives, indices: &[u32]) -> &Bvh2 {
+        let aabb = |i: &u32| {
+            let b = primitives.bounds(*i as usize);
+            Aabb::new(b.min.into(), b.max.into())
+        };
+        self.boxes.clear();
+        self.boxes.extend(indices.iter().map(aabb));
+        // The list of the tree before.
+        let mut order = std::mem::take(&mut self.tree.primitive_indices);
+        order.clear();
+        order.extend(0..indices.len() as u32);
+        let (distance, precision) = (PlocSearchDistance::Medium, SortPrecision::U64);
+        self.ploc.build_with_bvh(&mut self.tree, distance, &self.boxes, order, precision, 2);
+        let fraction = if primitives.len() <= FEW { REINSERTION_OF_FEW } else { REINSERTION };
+        self.reinsertion.run(&mut self.tree, fraction, None);
+        &self.tree
+    }
 }

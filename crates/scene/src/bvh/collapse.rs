@@ -1,6 +1,6 @@
 //! Collapsing: a binary tree becomes eight-wide nodes and leaf blocks.
 
-use super::binary::binary_tree;
+use super::binary::BinaryBuilder;
 use super::{Block, Bounds, Bvh, Child, End, Node, Primitive, Primitives};
 use glam::Vec3;
 use obvhs::bvh2::Bvh2;
@@ -38,14 +38,16 @@ pub(super) enum Part {
 
 /// The hierarchy of primitives that are not split into chunks.
 pub(super) fn collapse_whole(primitives: &impl Primitives, indices: &[u32]) -> Bvh {
-    let tree = binary_tree(primitives, indices);
-    Collapse::new(primitives, indices, &tree).into_whole()
+    let mut builder = BinaryBuilder::default();
+    Collapse::new(primitives, indices, builder.build(primitives, indices)).into_whole()
 }
 
 impl<'a, P: Primitives> Collapse<'a, P> {
     pub fn new(primitives: &'a P, indices: &'a [u32], tree: &'a Bvh2) -> Self {
         let weight = vec![0; tree.nodes.len()];
-        let (mut bvh, mut ends) = (Bvh::default(), Vec::new());
+        // Blocks hold five triangles or more on average: growing would copy.
+        let (nodes, blocks) = (Vec::with_capacity(indices.len() / 16 + 1), Vec::with_capacity(indices.len() / 4 + 1));
+        let (mut bvh, mut ends) = (Bvh { nodes, blocks, end: None }, Vec::new());
         if primitives.moves() {
             bvh.end = Some(End::default());
             ends = vec![[Bounds::EMPTY; 2]; tree.nodes.len()];
