@@ -23,6 +23,7 @@ mod receiver;
 pub mod record;
 mod reuse;
 mod reuse_extent;
+mod reuse_lamps;
 mod reuse_sky;
 pub(crate) mod tally;
 mod to_light;

@@ -172,6 +172,14 @@ impl AreaLight {
         }
     }
 
+    /// Outer normal at a point of it.
+    pub(crate) fn outer_normal(&self, point: Vec3) -> Vec3 {
+        match &self.shape {
+            AreaShape::Sphere(s) => (point - s.center) / s.radius,
+            _ => self.normal,
+        }
+    }
+
     /// Outer normal of a flat shape; `None` of a sphere.
     pub(crate) fn normal(&self) -> Option<Vec3> {
         (!matches!(self.shape, AreaShape::Sphere(_))).then_some(self.normal)

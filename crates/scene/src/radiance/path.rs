@@ -69,6 +69,8 @@ pub(super) struct Path<'a, T: Tally> {
     pub roulette_depth: u32,
     /// Product of the η² by which refraction scaled radiance; Russian roulette leaves it out (pbrt's `etaScale`).
     pub eta_scale: f32,
+    /// Whether what shines at the next surface is not the path's own ([`super::reuse_lamps`]).
+    pub leaves_out_emission: bool,
 }
 
 impl<T: Tally> Path<'_, T> {
@@ -161,6 +163,7 @@ impl<'a> Transport<'a> {
             segment_index: 0,
             roulette_depth,
             eta_scale: 1.0,
+            leaves_out_emission: false,
         }
     }
 
@@ -229,7 +232,9 @@ impl<'a> Transport<'a> {
         if hidden || matches!(material.scattering, Scattering::Interface) {
             return self.cross_interface(path, surface, entering, hidden);
         }
-        self.see_emission(path, material, surface);
+        if !path.leaves_out_emission {
+            self.see_emission(path, material, surface);
+        }
         if path.depth() >= self.settings.max_depth {
             return Next::Ended;
         }

@@ -19,6 +19,8 @@ pub(super) struct Receiver {
     pub albedo: Option<SampledSpectrum>,
     pub depth: u32,
     pub time_s: f32,
+    /// Whether a flash was burning.
+    pub flash: bool,
     /// Probability with which a light sample goes to the environment.
     pub sky_probability: f32,
     /// Light that its path found up to here but for that of the environment, mean over the wavelengths.

@@ -16,6 +16,7 @@ use super::CameraPath;
 use super::path::{Arrival, Next, Path, Transport};
 use super::receiver::{Receiver, Receivers};
 use super::reuse_extent::{LightLevel, mean, within};
+use super::reuse_lamps::LampSample;
 use super::reuse_sky::SkySample;
 use super::tally::Divisible;
 use crate::bvh::packet::Bundle;
@@ -53,7 +54,7 @@ struct Faced<'r> {
 
 /// A shadow ray by its ends, and its length, m.
 #[inline(always)]
-fn segment(start: Vec3, end: Vec3, time_s: f32) -> (Ray, f32) {
+pub(super) fn segment(start: Vec3, end: Vec3, time_s: f32) -> (Ray, f32) {
     let to_end = end - start;
     let distance = to_end.length();
     (Ray { origin: start, direction: to_end / distance, time_s }, distance)
@@ -89,13 +90,14 @@ struct Group<'a> {
     receivers: Receivers<'a>,
     donors: Vec<Donor<'a>>,
     sky: Vec<SkySample>,
+    lamps: Vec<LampSample>,
 }
 
 impl Group<'_> {
     /// One of so many paths, none of which was followed yet.
     fn of(paths: usize) -> Self {
         let receivers = Receivers { all: Vec::with_capacity(paths), bsdfs: Vec::with_capacity(paths) };
-        Group { receivers, donors: Vec::with_capacity(paths), sky: Vec::new() }
+        Group { receivers, donors: Vec::with_capacity(paths), sky: Vec::new(), lamps: Vec::new() }
     }
 }
 
@@ -108,20 +110,22 @@ struct Followed<'a, T> {
 impl<T: Divisible> Followed<'_, T> {
     /// Light before it is lent: direct light of paths that are scattered at what they see, which is the same where all paths end after one event; and all light.
     fn levels(&self) -> [LightLevel; 2] {
-        let Followed { group: Group { receivers, donors, sky }, tallies } = self;
-        let (mut of_sky, mut of_donors) = (vec![0.0; tallies.len()], vec![0.0; tallies.len()]);
+        let Followed { group: Group { receivers, donors, sky, lamps }, tallies } = self;
+        let [mut of_sky, mut of_donors, mut of_lamps] = [(); 3].map(|()| vec![0.0; tallies.len()]);
+        lamps.iter().for_each(|sample| of_lamps[sample.path] += mean(sample.own));
         sky.iter().for_each(|sample| of_sky[sample.path] += sample.brightness());
         donors.iter().for_each(|donor| of_donors[donor.path] += donor.brightness() + donor.further_brightness());
         let [mut direct, mut all] = [LightLevel::default(); 2];
         donors.iter().filter(|donor| donor.bsdf.is_some()).for_each(|donor| all.add_glossy(donor.brightness()));
+        lamps.iter().filter(|sample| sample.depth == 0).for_each(|sample| direct.add_lamp(mean(sample.own)));
         let mut left = receivers.all.iter().peekable();
         for (path, tally) in tallies.iter().enumerate() {
             let receiver = left.next_if(|receiver| receiver.path == path);
             if let Some(receiver) = receiver.filter(|receiver| receiver.depth == 0) {
-                direct.add(receiver.direct + of_sky[path] * receiver.onward, Some(receiver.onward));
+                direct.add(receiver.direct + of_lamps[path] + of_sky[path] * receiver.onward, Some(receiver.onward));
             }
             let onward = receiver.map(|receiver| receiver.onward);
-            all.add(mean(tally.all()) + (of_sky[path] + of_donors[path]) * onward.unwrap_or_default(), onward);
+            all.add(mean(tally.all()) + of_lamps[path] + (of_sky[path] + of_donors[path]) * onward.unwrap_or_default(), onward);
         }
         [direct, all]
     }
@@ -195,8 +199,9 @@ impl<'a> Transport<'a> {
         });
         let of_other = [1, 0].map(|other: usize| followed[other].levels());
         for (followed, [direct, all]) in followed.iter_mut().zip(of_other) {
-            let Followed { group: Group { receivers, donors, sky }, tallies } = followed;
+            let Followed { group: Group { receivers, donors, sky, lamps }, tallies } = followed;
             self.lend_sky(receivers, sky, direct, tallies);
+            self.lend_lamps(receivers, lamps, direct, tallies);
             self.lend(receivers, donors, all, tallies);
         }
         followed.into_iter().flat_map(|followed| followed.tallies).collect()
@@ -204,7 +209,7 @@ impl<'a> Transport<'a> {
 
     /// Follows a path, and leaves out of its tally what its donor brings and what it sees of the environment from its receiver.
     fn follow_divided<T: Divisible>(&self, camera: &'a CameraPath<'a>, tally: T, number: usize, group: &mut Group<'a>) -> T {
-        let Group { receivers, donors, sky } = group;
+        let Group { receivers, donors, sky, lamps } = group;
         let mut path = self.begin(camera, tally);
         let mut at_rough = false;
         let (before, time_s) = (receivers.all.len(), path.ray.time_s);
@@ -236,6 +241,7 @@ impl<'a> Transport<'a> {
                         albedo,
                         depth,
                         time_s,
+                        flash: path.flash,
                         sky_probability,
                         direct: 0.0,
                         onward: 0.0,
@@ -246,6 +252,7 @@ impl<'a> Transport<'a> {
             });
             if let Some(receiver) = receivers.all.get(before) {
                 sky.extend(self.take_sky_sample(&mut path, receiver));
+                lamps.extend(self.take_lamp_sample(&mut path, receiver));
             }
             self.connect_to_light(&mut path);
             if next == Next::Ended {
@@ -269,6 +276,10 @@ impl<'a> Transport<'a> {
             self.see_discs(&mut path);
             return path.tally;
         }
+        if let Some(sample) = hit.as_ref().and_then(|surface| self.scattered_to_lamp(&path, receiver, surface)) {
+            lamps.push(sample);
+            path.leaves_out_emission = true;
+        }
         let (mut donor, mut suspended) = (None, None);
         let (start, blends) = (receiver.origin, self.scene.has_blends());
         let next = self.arrive(&mut path, hit.as_mut(), |path, here| {
@@ -285,6 +296,7 @@ impl<'a> Transport<'a> {
             }
             next
         });
+        path.leaves_out_emission = false;
         self.connect_to_light(&mut path);
         let (mut next, mut before_surface) = (next, None);
         if suspended.as_ref().is_some_and(|suspended: &Suspended<T>| suspended.is_joint) {
@@ -448,7 +460,7 @@ impl<'a> Transport<'a> {
 
     /// Whether something stands, or may stand, between a receiver and a donor, by the ends of their shadow ray.
     #[inline(always)]
-    fn is_hidden(&self, start: Vec3, end: Vec3, time_s: f32) -> bool {
+    pub fn is_hidden(&self, start: Vec3, end: Vec3, time_s: f32) -> bool {
         let (ray, distance) = segment(start, end, time_s);
         self.scene.may_be_occluded(&ray, distance)
     }

@@ -32,6 +32,8 @@ pub(super) struct LightLevel {
     onward: f32,
     /// Sum and number of the brightnesses of donors that are not diffuse.
     glossy: [f32; 2],
+    /// Sum and number of what places on lamps bring to the paths that found them.
+    lamps: [f32; 2],
 }
 
 impl LightLevel {
@@ -52,6 +54,11 @@ impl LightLevel {
         }
     }
 
+    /// Adds a place on a lamp, by what it brings to the path that found it.
+    pub fn add_lamp(&mut self, brought: f32) {
+        self.lamps = [self.lamps[0] + brought, self.lamps[1] + 1.0];
+    }
+
     /// Receivers for a brightness at the next surface that is multiplied by `of`; not a number where nothing is known.
     #[inline]
     fn receivers(&self, brightness: f32, of: f32) -> f32 {
@@ -68,6 +75,13 @@ impl LightLevel {
     #[inline]
     pub fn part_for_glossy(&self, number: usize, paths: usize) -> Range<usize> {
         self.part_for_surface(self.glossy[0] / self.glossy[1], number, paths)
+    }
+
+    /// The same of a place on a lamp.
+    #[inline]
+    pub fn part_for_lamp(&self, number: usize, paths: usize) -> Range<usize> {
+        let receivers = LAMP[0] * (self.lamps[0] / self.lamps[1]) / (self.roots / self.paths).powi(2);
+        if receivers < LAMP[1] { number..number + 1 } else { part(receivers, number, paths) }
     }
 
     /// The same of light of the sky.
@@ -125,3 +139,5 @@ mod tests {
         assert_eq!(level.part_for_surface(8.0, 40, 64), 40..48);
     }
 }
+
+static LAMP: std::sync::LazyLock<[f32; 2]> = std::sync::LazyLock::new(|| [("LAMP", 1.0), ("LMIN", 4.0)].map(|(n, d)| std::env::var(n).ok().and_then(|v| v.parse().ok()).unwrap_or(d)));

@@ -1,0 +1,179 @@
+//! Paths of a group lend one another what they see of lamps.
+//!
+//! A light sample on a lamp with extent that nothing hides, and a scattered ray that meets one, found a place that shines at one receiver of the group. The others see it, too, or do not: a shadow ray of each tells, and what
+//! arrives is weighted by the balance heuristic over all techniques of all receivers that see the place (the light sample and the scattered ray of each), as light of the sky is ([`super::reuse_sky`]). Lamps that
+//! rays go through by chance, and light that comes through panes, faces of media and surfaces of partial opacity, serve their own path alone.
+//!
+//! Sources: Bekaert, Sbert & Halton 2002, "Accelerating Path Tracing by Re-Using Paths", EGWR; Veach 1997, §9.2 (balance heuristic).
+
+use super::path::{Path, Transport};
+use super::receiver::{Receiver, Receivers};
+use super::reuse_extent::{LightLevel, mean, within};
+use super::tally::Tally;
+use super::weights::{mis, squared_ratio};
+use crate::bvh::packet::Bundle;
+use crate::light::LightPoint;
+use crate::material::{Coverage, Material, Scattering};
+use crate::shape::{Surface, offset_origin};
+use diopter_light::SampledSpectrum;
+use glam::Vec3;
+
+/// A place on a lamp that a path of the group saw from its receiver.
+pub(super) struct LampSample {
+    pub path: usize,
+    /// Scattering events before the receiver: others after as many are lent to, so that direct light stays what paths of one event have.
+    pub depth: u32,
+    flash: bool,
+    /// Number of the lamp among the area lights.
+    light: u32,
+    point: Vec3,
+    /// Where shadow rays end.
+    end: Vec3,
+    /// Unit normal on the side that is seen.
+    normal: Vec3,
+    radiance: SampledSpectrum,
+    /// What it brings to its own path alone.
+    pub own: SampledSpectrum,
+    /// Whether a scattered ray found it, not a light sample.
+    is_scattered: bool,
+}
+
+/// A lamp's place as a receiver sees it.
+struct Sight {
+    wi: Vec3,
+    /// Of the receiver's light samples, 1/sr.
+    density: f32,
+    /// Solid angle of an area at the lamp, 1/m².
+    geometry: f32,
+}
+
+impl<'a> Transport<'a> {
+    /// The light sample of a path at its receiver, where it is of a lamp with extent and nothing hides it: it is then no longer the path's own.
+    pub fn take_lamp_sample<T: Tally>(&self, path: &mut Path<'a, T>, receiver: &Receiver) -> Option<LampSample> {
+        let connection = path.connection.as_ref()?;
+        let (light_sample, own) = (&connection.light_sample, connection.contribution);
+        let LightPoint::Area(light, _) = light_sample.spot else { return None };
+        let lamp = &self.scene.lights().area[light as usize];
+        if !is_certain(self.scene.material_at(lamp.material)) || light_sample.wi.dot(receiver.ng) <= 0.0 {
+            return None;
+        }
+        let point = receiver.point + light_sample.wi * light_sample.distance;
+        let normal = lamp.outer_normal(point);
+        let normal = if normal.dot(light_sample.wi) > 0.0 { -normal } else { normal };
+        let radiance = self.scene.incident_radiance(light_sample, &path.camera.wavelengths, path.ray.time_s);
+        let sample = self.lamp_sample(path, receiver, light, point, normal, radiance, own, false);
+        let is_seen = !self.is_hidden(receiver.origin, sample.end, receiver.time_s);
+        // What hides it may let it through: then it is the path's own.
+        if is_seen || !self.scene.lets_some_light_through() {
+            path.connection = None;
+        }
+        is_seen.then_some(sample)
+    }
+
+    /// The lamp that the ray of a path meets which left its receiver; `None` where it is the path's own.
+    pub fn scattered_to_lamp<T: Tally>(&self, path: &Path<'a, T>, receiver: &Receiver, surface: &Surface) -> Option<LampSample> {
+        let (scene, direction) = (self.scene, path.ray.direction);
+        let light = scene.light_at(surface)?;
+        let material = scene.material(surface.object);
+        let emission = material.emission.as_ref()?;
+        let last = path.last?;
+        if !is_certain(material) || matches!(material.scattering, Scattering::Interface) {
+            return None;
+        }
+        let cos = surface.ng.dot(direction);
+        if cos > 0.0 && !emission.two_sided || cos == 0.0 {
+            return None;
+        }
+        let normal = if cos > 0.0 { -surface.ng } else { surface.ng };
+        let by_light = scene.lights().area_probability(receiver.point, receiver.ng, light, path.flash)
+            * scene.pdf_li(light, receiver.point, direction, surface.t, path.ray.time_s);
+        let radiance = emission.at(surface, &path.camera.wavelengths) * scene.modulation(material, path.ray.time_s);
+        let own = path.throughput * radiance / (1.0 + squared_ratio(by_light, last.density));
+        let sample = self.lamp_sample(path, receiver, light, surface.point, normal, radiance, own, true);
+        // The path itself may have gone through a blended surface.
+        let is_seen = !scene.has_blends() || !self.is_hidden(receiver.origin, sample.end, receiver.time_s);
+        is_seen.then_some(sample)
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    fn lamp_sample<T: Tally>(
+        &self,
+        path: &Path<'a, T>,
+        receiver: &Receiver,
+        light: u32,
+        point: Vec3,
+        normal: Vec3,
+        radiance: SampledSpectrum,
+        own: SampledSpectrum,
+        is_scattered: bool,
+    ) -> LampSample {
+        let end = offset_origin(point, normal);
+        let (depth, flash) = (receiver.depth, path.flash);
+        LampSample { path: receiver.path, depth, flash, light, point, end, normal, radiance, own, is_scattered }
+    }
+
+    /// How a receiver sees a place on a lamp, if it faces that.
+    #[inline]
+    fn sight(&self, sample: &LampSample, receiver: &Receiver) -> Option<Sight> {
+        let to_lamp = sample.point - receiver.point;
+        let squared = to_lamp.length_squared();
+        let distance = squared.sqrt();
+        let wi = to_lamp / distance;
+        let facing = -wi.dot(sample.normal);
+        if !(facing > 0.0 && wi.dot(receiver.ng) > 0.0) {
+            return None;
+        }
+        let chosen = self.scene.lights().area_probability(receiver.point, receiver.ng, sample.light, sample.flash);
+        let density = chosen * self.scene.pdf_li(sample.light, receiver.point, wi, distance, receiver.time_s);
+        Some(Sight { wi, density, geometry: facing / squared })
+    }
+
+    /// Adds what places on lamps bring to the receivers that they are lent to.
+    pub fn lend_lamps<T: Tally>(&self, receivers: &Receivers<'a>, samples: &[LampSample], level: LightLevel, tallies: &mut [T]) {
+        // What of its radiance goes on for a density of 1/m² on the lamp, and the densities of light samples and of scattered rays.
+        let mut facing: Vec<(&Receiver, SampledSpectrum, [f32; 2])> = Vec::with_capacity(receivers.all.len());
+        let mut shadow_rays = Vec::with_capacity(receivers.all.len());
+        let mut hidden = Vec::with_capacity(receivers.all.len());
+        for sample in samples {
+            facing.clear();
+            shadow_rays.clear();
+            let part = level.part_for_lamp(sample.path, tallies.len());
+            if part.len() == 1 {
+                tallies[sample.path].add(sample.own, sample.depth + 1);
+                continue;
+            }
+            let range = within(&receivers.all, &part);
+            for (receiver, bsdf) in receivers.all[range.clone()].iter().zip(&receivers.bsdfs[range]) {
+                if receiver.depth != sample.depth || receiver.flash != sample.flash {
+                    continue;
+                }
+                let Some(Sight { wi, density, geometry }) = self.sight(sample, receiver) else { continue };
+                let (f, pdf) = receiver.eval(bsdf, wi);
+                if f == SampledSpectrum::ZERO {
+                    continue;
+                }
+                facing.push((receiver, f * geometry, [density * geometry, pdf * geometry]));
+                if receiver.path != sample.path {
+                    shadow_rays.push(super::reuse::segment(receiver.origin, sample.end, receiver.time_s));
+                }
+            }
+            self.scene.may_be_occluded_many(&shadow_rays, Bundle::Towards(sample.end), &mut hidden);
+            let mut hidden = hidden.iter();
+            facing.retain(|(receiver, ..)| receiver.path == sample.path || hidden.next() == Some(&false));
+            let [sampled, scattered] = [0, 1].map(|k| facing.iter().map(|(.., density)| density[k]).sum::<f32>());
+            let (this, other) = if sample.is_scattered { (scattered, sampled) } else { (sampled, scattered) };
+            let radiance = sample.radiance * (mis(this, other) / this);
+            for (receiver, f, _) in &facing {
+                let light = receiver.throughput * *f * radiance;
+                if light.is_finite() {
+                    tallies[receiver.path].add(light, receiver.depth + 1);
+                }
+            }
+        }
+    }
+}
+
+/// Whether rays meet a lamp of a material wherever they come to it.
+fn is_certain(material: &Material) -> bool {
+    matches!(material.coverage, Coverage::Full) && !material.is_mixed()
+}
