@@ -271,6 +271,8 @@ fn series_and_films_are_numbered_and_merged() {
     assert!((times[1] / times[0] - 4.0).abs() < 1e-9 && (times[2] / times[1] - 4.0).abs() < 1e-9, "{times:?}");
     f.ok(&["merge", "s-001.dng", "s-002.dng", "s-003.dng", "-o", "again.dng"]);
     f.ok(&["develop", "again.dng", "-o", "again.png"]);
+    let (code, message) = f.fails(&["merge", "s-001.dng", "./s-001.dng", "-o", "x.exr"]);
+    assert!(code == 2 && message.contains("named twice"), "{code} {message}");
     let (code, message) = f.fails(&["merge", "s-001.dng", "hdr.exr", "-o", "x.exr"]);
     assert!(code == 2 && message.contains("not both"), "{message}");
     // A series that is only wanted joined leaves no single pictures.
