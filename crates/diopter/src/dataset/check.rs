@@ -77,14 +77,11 @@ impl Dataset {
         all
     }
 
-    /// An error with the item that it is of, and what differs in it. A stop stays what it is.
+    /// An error with the item that it is of, and what differs in it.
     pub(super) fn of_item(&self, item: u64, e: ShotError) -> ShotError {
-        if matches!(e, ShotError::Expose(ExposeError::Cancelled)) {
-            return e;
-        }
         let differs: Vec<String> = self.settings(item).iter().map(|s| format!("{} {}", s.0, text_of(&s.1))).collect();
         let differs = if differs.is_empty() { String::new() } else { format!(" ({})", differs.join(", ")) };
-        ShotError::Item { place: format!("{}: item {}{differs}", self.place, self.key(item)), why: Box::new(e) }
+        e.of_shot(format!("{}: item {}{differs}", self.place, self.key(item)))
     }
 }
 
@@ -121,7 +118,10 @@ mod tests {
             // Some of what is drawn is beyond what the body has: the largest is tried.
             (vary("iso", "range = [100, 1000000]"), "expected 100 to 6400 on"),
             // Each goes with the other's first value, but not both with their last.
-            (lists("[100, 650]", "[\"ideal\", \"imx249\"]"), "item 000002 (iso 100, body imx249): ISO 100: expected 650 to 650"),
+            (
+                lists("[100, 650]", "[\"ideal\", \"imx249\"]"),
+                "item 000002 (iso 100, body imx249): ISO 100: expected 650, the only speed of",
+            ),
             (format!("items = 2\n{}", SHOT.replace("24x16", "0x16")), "spec.toml: item 000000: size 0x16: expected 1 to"),
         ] {
             let error = tried(&text).expect_err(&text);

@@ -50,7 +50,7 @@ pub enum ShotError {
         /// What belongs there, and a hint.
         expected: String,
     },
-    /// One of many shots, such as an item of a data set.
+    /// One of many shots, such as an item of a data set or a camera of a rig.
     #[error("{place}: {why}")]
     Item {
         /// Which: file, number, what differs in it.
@@ -95,6 +95,14 @@ impl ShotError {
         }
         let failed = matches!(self, ShotError::Read { .. } | ShotError::Expose(_) | ShotError::Scene(_) | ShotError::Focus(_));
         !failed && !matches!(self, ShotError::Denoise(_))
+    }
+
+    /// The same as an error of one of many shots. A stop stays what it is.
+    pub(crate) fn of_shot(self, place: String) -> ShotError {
+        match self {
+            ShotError::Expose(ExposeError::Cancelled) => self,
+            why => ShotError::Item { place, why: Box::new(why) },
+        }
     }
 }
 
