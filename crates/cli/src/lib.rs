@@ -12,6 +12,7 @@ mod checkpoint;
 mod commands;
 mod contact_sheet;
 mod document;
+mod effect;
 mod help;
 mod html;
 mod memory;

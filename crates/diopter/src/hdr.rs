@@ -28,7 +28,7 @@ pub struct HdrError {
 }
 
 /// Light that a picture's numbers stand for beside another's: time · ISO / T-stop², filter included.
-fn exposure(raw: &RawImage) -> f64 {
+pub fn exposure(raw: &RawImage) -> f64 {
     let f = &raw.header.facts;
     let stop = match (f.t_number > 0.0, f.f_number > 0.0) {
         (true, _) => f.t_number,
@@ -44,6 +44,19 @@ fn share_of_time(raw: &RawImage, column: usize, row: usize) -> f64 {
     let Some(s) = raw.header.facts.shutter.as_ref().filter(|s| s.effective_s > 0.0 && s.kind == "rolling") else { return 1.0 };
     let (open, close) = s.rows.of(if s.rows.columns { column } else { row });
     ((close - open) / s.effective_s).max(1e-6)
+}
+
+/// Noise (variance = a signal + b) of the mean where all pictures hold, which is in the shadows; exact where either part dominates. Lights that only shorter pictures
+/// hold have more. Of each picture: factor on its signal, and its noise.
+fn noise_of_mean(parts: impl Iterator<Item = (f32, [f32; 2])>) -> [f64; 2] {
+    let [mut shot, mut read] = [0.0, 0.0];
+    for (scale, [a, b]) in parts {
+        let scale = f64::from(scale);
+        shot += 1.0 / (scale * f64::from(a));
+        read += 1.0 / (scale * scale * f64::from(b));
+    }
+    let rounding = ((WHITE - BLACK) * (WHITE - BLACK) * 12.0).recip();
+    [shot.recip(), read.recip() + rounding]
 }
 
 /// Merges pictures of the same scene and camera that differ in exposure. Fails without a picture, where they differ in size, filters or body, where a flash was fired,
@@ -115,8 +128,7 @@ pub fn merge(raws: &[RawImage]) -> Result<RawImage, HdrError> {
         *to = (BLACK + f64::from(light) * (WHITE - BLACK)).round().clamp(0.0, WHITE) as u16;
     }
     let mut header = middle.header.clone();
-    let longest = &parts[0];
-    header.noise = longest.1.iter().map(|[a, b]| [f64::from(a * longest.0), f64::from(b * longest.0 * longest.0)]).collect();
+    header.noise = (0..channels).map(|c| noise_of_mean(parts.iter().map(|(scale, noise)| (*scale, noise[c])))).collect();
     (header.bits, header.black_level, header.white_level) = (16, BLACK, WHITE);
     header.baseline_ev += (exposure(middle) / shortest).log2();
     Ok(RawImage { mosaic, header })
@@ -171,6 +183,21 @@ mod tests {
             }
         }
         assert!((merge(&series(&sensor, 1e4, &times)).unwrap().header.baseline_ev - raws_baseline(&sensor) - 2.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_noise_profile_is_that_of_the_mean() {
+        let sensor = Sensor::named("ideal").unwrap();
+        // Frames of one exposure, as astronomers and phones stack them; a bracket whose pictures all hold.
+        for times in [&[0.01; 4][..], &[0.01, 0.02, 0.04]] {
+            for electrons_s in [2e4f32, 4e5] {
+                let merged = merge(&series(&sensor, electrons_s, times)).unwrap();
+                let (mean, variance) = statistics(&merged);
+                let [a, b] = merged.header.noise[0];
+                // 16 384 pixels know a variance within 1.1 %.
+                assert!((variance / (a * mean + b) - 1.0).abs() < 0.05, "{times:?} {electrons_s}: {variance} {}", a * mean + b);
+            }
+        }
     }
 
     #[test]

@@ -576,7 +576,7 @@ pub fn read_maps(mut from: impl Read + Seek, names: &[&str]) -> std::result::Res
     Ok(Maps { size: [layer.size.0, layer.size.1], planes, texts: layer.attributes.other.iter().filter_map(text).collect() })
 }
 
-/// Reads the `R`, `G`, `B` channels of any EXR (or one channel three times), as linear numbers: environment maps. `[row][column][3]`. Fails where reading does, on files that
+/// Reads the `R`, `G`, `B` channels of any EXR (or one channel three times), as linear numbers: environment maps, light from elsewhere. `[row][column][3]`. Fails where reading does, on files that
 /// are no EXR or are damaged, and where neither these channels nor `Y` are there.
 pub fn read_rgb(mut from: impl Read + Seek) -> std::result::Result<Raster<f32>, ImageError> {
     let layer = read_layer(&mut from)?;
@@ -588,7 +588,7 @@ pub fn read_rgb(mut from: impl Read + Seek) -> std::result::Result<Raster<f32>, 
     for (c, candidates) in names.iter().enumerate() {
         let channel = candidates.iter().find_map(|n| find(n)).ok_or_else(|| ImageError::Missing {
             what: format!("the channel \"{}\"", candidates[0]),
-            hint: "an environment map needs channels R, G and B (or Y)".into(),
+            hint: "a picture of light needs channels R, G and B (or Y)".into(),
         })?;
         for (i, value) in channel.sample_data.values_as_f32().enumerate() {
             raster.data[i * 3 + c] = value;

@@ -254,11 +254,11 @@ impl Sensor {
         let (first, last) = (self.iso[0], self.iso[self.iso.len() - 1]);
         // Settings are nominal: 100 is taken for 99.6.
         if !(iso >= first.iso * 0.98 && iso <= last.iso * 1.02) {
-            return Err(SensorError::Range {
-                what: "ISO".into(),
-                found: shown(iso),
-                expected: format!("{} to {} on {}", first.iso, last.iso, self.name),
-            });
+            let expected = match first.iso == last.iso {
+                true => format!("{}, the only speed of {}", first.iso, self.name),
+                false => format!("{} to {} on {}", first.iso, last.iso, self.name),
+            };
+            return Err(SensorError::Range { what: "ISO".into(), found: shown(iso), expected });
         }
         let iso = iso.clamp(first.iso, last.iso);
         let i = self.iso.partition_point(|s| s.iso <= iso).clamp(1, self.iso.len().max(2) - 1) - 1;

@@ -4,7 +4,7 @@ mod responses;
 
 use self::responses::{Curve, Response, relative_responses, through};
 use crate::sensor::{BodyLens, DarkCurrent, HotPixels, IsoStep, Plenoptic, SecondReading, saturation_capacity};
-use crate::{Sensor, SensorError};
+use crate::{Sensor, SensorError, nearest};
 use diopter_image::Cfa;
 use diopter_light::lattice::Arrangement;
 use diopter_light::spectrum::Table;
@@ -133,6 +133,37 @@ fn nine_tenths() -> f64 {
     0.9
 }
 
+/// A data sheet as its keys. Fails on what they are not, with line and hint; a key that is missing is named alone, since no line lacks it.
+pub(crate) fn read_table<T: serde::de::DeserializeOwned>(text: &str, place: &str) -> Result<T, SensorError> {
+    toml::from_str(text).map_err(|e| {
+        let missing = e.message().strip_prefix("missing field `").and_then(|rest| rest.strip_suffix('`'));
+        // Of a table within, its own line is told.
+        let whole = e.span().is_none_or(|span| span.start == 0 || span == (0..text.len()));
+        match missing.filter(|_| whole) {
+            Some("sources") => SensorError::Range {
+                what: format!("{place}: [sources]"),
+                found: "missing".into(),
+                expected:
+                    "a table at the end that says where the numbers are from, such as readout = \"own measurement, EMVA 1288\""
+                        .into(),
+            },
+            Some(key) => SensorError::Range {
+                what: format!("{place}: {key}"),
+                found: "missing".into(),
+                expected: format!("a line {key} = ..."),
+            },
+            None => {
+                // "unknown field `x`, expected one of `a`, `b`".
+                let mut names = e.message().split('`').skip(1).step_by(2);
+                let unknown = names.next().filter(|_| e.message().starts_with("unknown field"));
+                let near = unknown.and_then(|name| nearest(name, names));
+                let hint = near.map_or(String::new(), |near| format!(" (did you mean `{near}`?)"));
+                SensorError::Parse { place: place.into(), reason: format!("{}{hint}", e.to_string().trim_end()) }
+            }
+        }
+    })
+}
+
 /// Collects what is asked of a number: place, name, value, what is allowed.
 struct Checks<'a> {
     place: &'a str,
@@ -162,8 +193,7 @@ impl Checks<'_> {
 impl Sensor {
     /// Reads a data sheet; `place` names it in errors. Fails on what is no such sheet and on numbers out of their ranges.
     pub fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
-        let s: Sheet = toml::from_str(text)
-            .map_err(|e| SensorError::Parse { place: place.into(), reason: e.to_string().trim_end().to_owned() })?;
+        let s: Sheet = read_table(text, place)?;
         let check = Checks { place };
         for v in s.format_mm {
             check.that(

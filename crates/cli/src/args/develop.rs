@@ -2,6 +2,7 @@
 
 use super::values::gamma;
 use super::{Raw, TruthLayout};
+use crate::effect::Typed;
 use clap::Subcommand;
 use diopter::quantity::{FNumber, Iso, Seconds};
 use std::num::NonZeroUsize;
@@ -58,9 +59,9 @@ pub struct Develop {
     pub raw: Vec<PathBuf>,
     #[command(flatten)]
     pub developing: Developing,
-    /// JPEG quality, 1 to 100.
-    #[arg(long, value_name = "N", default_value_t = crate::output::JPEG_QUALITY, value_parser = clap::value_parser!(u8).range(1..=100))]
-    pub quality: u8,
+    /// JPEG quality, 1 to 100; 92 without.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=100))]
+    pub quality: Option<u8>,
     /// Write JPEGs with a gain map (Ultra HDR): brighter on displays that can, up to output.peak.
     #[arg(long)]
     pub gain_map: bool,
@@ -166,7 +167,31 @@ pub struct Developing {
     pub gamma: Option<&'static str>,
 }
 
+impl Develop {
+    /// Options of files, as they were typed.
+    pub fn typed_of_files(&self) -> [Typed; 3] {
+        let number = |n: Option<u8>| n.map(|n| n.to_string());
+        [("--quality", number(self.quality)), ("--gain-map", self.gain_map.then(String::new)), ("--bits", number(self.bits))]
+    }
+}
+
 impl Developing {
+    /// What was typed of it.
+    pub fn typed(&self) -> Vec<Typed> {
+        let path = |path: &Option<PathBuf>| path.as_ref().map(|p| p.display().to_string());
+        let mut typed = vec![
+            ("--recipe", path(&self.recipe)),
+            ("--preset", self.preset.clone()),
+            ("--exposure-ev", self.exposure_ev.map(|ev| ev.to_string())),
+            ("--tone", self.tone.clone()),
+            ("--demosaic", self.demosaic.clone()),
+            ("--lut", path(&self.lut)),
+            ("--gamma", self.gamma.map(|curve| curve.trim_start_matches("gamma-").to_owned())),
+        ];
+        typed.extend(self.set.iter().map(|setting| ("--set", Some(setting.clone()))));
+        typed
+    }
+
     /// Puts recipe, preset and flags on top of a recipe.
     pub fn apply(&self, recipe: &mut diopter::develop::Recipe) -> Result<(), diopter::shot::ShotError> {
         use diopter::develop::{Recipe, RecipeError};

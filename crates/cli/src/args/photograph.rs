@@ -2,7 +2,9 @@
 
 use super::values::checkpoint;
 use super::{Developing, shot_of};
+use crate::effect::Typed;
 use crate::memory::Bytes;
+use clap::ValueEnum;
 use diopter::image::dng::Storage;
 use diopter::quantity::SpectralBands;
 use diopter::sheet::Axis;
@@ -51,9 +53,9 @@ pub struct Raw {
     /// Temperature of the sensor, °C.
     #[arg(long, value_name = "C", allow_negative_numbers = true)]
     pub temperature: Option<f64>,
-    /// How numbers are stored in a DNG.
-    #[arg(long, value_name = "HOW", default_value = "16")]
-    pub dng: DngStorage,
+    /// How numbers are stored in a DNG; 16 without.
+    #[arg(long, value_name = "HOW")]
+    pub dng: Option<DngStorage>,
 }
 
 /// What is photographed and how; shared by `shoot` and `expose`. Flags win over the shot file.
@@ -200,10 +202,16 @@ impl Raw {
     /// How numbers are stored.
     pub fn storage(&self) -> Storage {
         match self.dng {
-            DngStorage::Sixteen => Storage::Sixteen,
-            DngStorage::Packed => Storage::Packed,
-            DngStorage::Lossless => Storage::Lossless,
+            None | Some(DngStorage::Sixteen) => Storage::Sixteen,
+            Some(DngStorage::Packed) => Storage::Packed,
+            Some(DngStorage::Lossless) => Storage::Lossless,
         }
+    }
+
+    /// Options of files, as they were typed.
+    pub fn typed_of_files(&self) -> [Typed; 1] {
+        let name = |how: DngStorage| how.to_possible_value().map(|v| v.get_name().to_owned());
+        [("--dng", self.dng.and_then(name))]
     }
 }
 

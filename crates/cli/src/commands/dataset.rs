@@ -56,12 +56,16 @@ fn once() -> impl FnMut(&str) {
 
 fn make(spec: &Path, folder: &Path, json: bool) -> anyhow::Result<()> {
     let dataset = Arc::new(Dataset::read(spec)?);
+    let mut warn = once();
+    if Folder::is_new(folder) {
+        // A folder that is begun takes no other specification: what is wrong with this one is said before.
+        checked(&dataset, &mut warn)?;
+    }
     let gathered = Folder::open(dataset.clone(), folder)?;
     let missing = gathered.missing().len() as u64;
     if missing < dataset.items() {
         say(&format!("{} of {} items are there", dataset.items() - missing, dataset.items()));
     }
-    let mut warn = once();
     let made = watched("items", |w| gathered.make(w, &mut warn)).map_err(|e| stopped(e, folder))?;
     made.files.iter().for_each(|name| say(&format!("wrote {}", folder.join(name).display())));
     if json {
@@ -69,6 +73,14 @@ fn make(spec: &Path, folder: &Path, json: bool) -> anyhow::Result<()> {
         print_json(&serde_json::json!({ "files": files, "items": made.items, "made": missing }))?;
     }
     Ok(())
+}
+
+/// Tries items without exposing them; answers with how many.
+fn checked(dataset: &Dataset, warn: &mut dyn FnMut(&str)) -> anyhow::Result<usize> {
+    watched("trying items", |w| dataset.check_items(w, warn)).map_err(|e| match e {
+        ShotError::Expose(diopter::ExposeError::Cancelled) => anyhow!("stopped: the specification is not checked"),
+        other => other.into(),
+    })
 }
 
 /// A stop is no failure of an exposure: what is done stays.
@@ -112,10 +124,12 @@ fn info(spec: &Path, items: Option<[u64; 2]>, json: bool) -> anyhow::Result<()> 
     let listed = first..end.min(dataset.items());
     let rows = listed.map(|item| dataset.parameters_json(item)).collect::<Result<Vec<_>, _>>()?;
     let shards = dataset.shards();
+    let tried = checked(&dataset, &mut once())?;
     if json {
         let shards: Vec<_> = shards.iter().map(|s| serde_json::json!({ "name": s.name, "items": s.items.len() })).collect();
         return print_json(&serde_json::json!({
             "name": dataset.name(), "items": dataset.items(), "files": dataset.endings(), "shards": shards, "listed": rows,
+            "tried": tried,
         }));
     }
     let mut out = std::io::stdout();
@@ -129,6 +143,7 @@ fn info(spec: &Path, items: Option<[u64; 2]>, json: bool) -> anyhow::Result<()> 
             .collect();
         writeln!(out, "{}{split}   {}", row["key"].as_str().unwrap_or_default(), told.join(", "))?;
     }
+    writeln!(out, "tried {tried} of them without exposing: each can be prepared")?;
     Ok(())
 }
 

@@ -4,7 +4,7 @@ use super::{print_json, read_raw};
 use crate::args::Develop;
 use crate::output::{self, Format, Kind, Output};
 use crate::watch::{say, watched};
-use crate::{UsageError, step_pictures, views};
+use crate::{UsageError, effect, step_pictures, views};
 use anyhow::{Context, anyhow};
 use diopter::develop::lut::Lut;
 use diopter::develop::{Recipe, SETTINGS};
@@ -29,7 +29,7 @@ pub fn run(args: &Develop, json: bool) -> anyhow::Result<()> {
         return settings(&recipe, json);
     }
     let format = Format {
-        quality: args.quality,
+        quality: args.quality.unwrap_or(output::JPEG_QUALITY),
         gain_map: args.gain_map,
         depth: match args.bits {
             None if matches!(recipe.output.encoding, Encoding::Pq | Encoding::Hlg) => png::Depth::Sixteen,
@@ -40,14 +40,17 @@ pub fn run(args: &Develop, json: bool) -> anyhow::Result<()> {
         ..Format::default()
     };
     let jobs = jobs(args)?;
+    let kinds = args.output.iter().map(|p| output::kind(p)).collect::<anyhow::Result<Vec<_>>>()?;
+    effect::check(args.typed_of_files(), &kinds)?;
+    // A recipe that is saved, and pictures of steps and views, show all of the development.
+    if args.save_recipe.is_none() && args.steps.is_none() && args.views.is_none() {
+        effect::check(args.developing.typed(), &kinds)?;
+    }
     let saved = args.save_recipe.as_deref().map(Output::prepare).transpose()?;
     // What is wrong with the recipe is wrong with all files: said before any is touched.
     let lut = recipe_file::lut(&recipe)?;
-    let bright = args.output.iter().any(|p| matches!(output::kind(p), Ok(Kind::Jpeg)));
-    if args.gain_map && (!bright || recipe.output.encoding != Encoding::Srgb) {
-        return Err(
-            UsageError(anyhow!("--gain-map: expected a .jpg to write, and output.encoding = \"srgb\" for its base")).into()
-        );
+    if args.gain_map && recipe.output.encoding != Encoding::Srgb {
+        return Err(UsageError(anyhow!("--gain-map: expected output.encoding = \"srgb\" for its base")).into());
     }
     let mut reports = Vec::new();
     let mut failed = 0;

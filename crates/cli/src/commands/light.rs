@@ -5,7 +5,7 @@ use super::{open, print_json, read_plane};
 use crate::UsageError;
 use crate::args::ReadOut;
 use crate::output::{self, now};
-use crate::watch::say;
+use crate::watch::{say, warn};
 use anyhow::{Context, anyhow};
 use diopter::develop::Recipe;
 use diopter::from_light::{Channels, Place, focal_plane, of_plane};
@@ -59,6 +59,11 @@ fn exposed(args: &ReadOut) -> anyhow::Result<(Sensor, FocalPlane)> {
     }
     let sensor = body_of(args, "")?;
     let light = exr::read_rgb(open(&args.plane)?).with_context(place)?;
+    let negative = light.data.chunks(light.channels.max(1)).filter(|pixel| pixel.iter().any(|v| *v < 0.0)).count();
+    if negative > 0 {
+        let all = light.width * light.height;
+        warn(&format!("{}: {negative} of {all} pixels are negative in a colour: 0 is taken there", args.plane.display()));
+    }
     let depth = match exr::read_plane(open(&args.plane)?, "Z") {
         Ok(depth) => Some(depth),
         Err(ImageError::Missing { .. }) => None,

@@ -10,6 +10,8 @@ use diopter::develop::Recipe;
 use diopter::hdr;
 use diopter::image::RawImage;
 use diopter::image::focal_plane::{FocalPlaneSource, Merged};
+use std::collections::HashSet;
+use std::path::Path;
 
 /// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
@@ -40,6 +42,15 @@ pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
 }
 
 fn series(args: &Merge, json: bool) -> anyhow::Result<()> {
+    // A picture that counts twice would be taken for two whose noise differs.
+    let mut seen = HashSet::new();
+    for path in &args.parts {
+        if path != Path::new("-") && !seen.insert(path.canonicalize().unwrap_or_else(|_| path.clone())) {
+            return Err(
+                UsageError(anyhow!("{}: it is named twice; expected each picture of the series once", path.display())).into()
+            );
+        }
+    }
     let outputs = output::prepare_pictures(std::slice::from_ref(&args.output))?;
     let raws: Vec<RawImage> = args.parts.iter().map(|p| read_raw(p)).collect::<anyhow::Result<_>>()?;
     let merged = hdr::merge(&raws).map_err(|e| UsageError(e.into()))?;
@@ -54,6 +65,6 @@ fn series(args: &Merge, json: bool) -> anyhow::Result<()> {
 
 /// EV between the longest and the shortest exposure.
 fn extra_range(raws: &[RawImage]) -> f64 {
-    let exposures = || raws.iter().map(|r| r.header.facts.exposure_s / r.header.facts.f_number.max(0.1).powi(2));
+    let exposures = || raws.iter().map(hdr::exposure);
     (exposures().fold(0.0, f64::max) / exposures().fold(f64::INFINITY, f64::min)).log2()
 }

@@ -5,6 +5,7 @@ use super::{print_json, stack};
 use crate::UsageError;
 use crate::args::Shoot;
 use crate::checkpoint;
+use crate::effect;
 use crate::memory;
 use crate::output::{self, Format, Kind, Output};
 use crate::paint;
@@ -22,6 +23,25 @@ use diopter::truth;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
+
+/// Refuses options that nothing of what is written shows.
+fn check_effects(args: &Shoot, written: &[&PathBuf]) -> anyhow::Result<()> {
+    // Calibrations are no pictures.
+    let kinds: Vec<Kind> = written.iter().filter_map(|p| output::kind(p).ok()).collect();
+    effect::check(args.raw.typed_of_files(), &kinds)?;
+    // A saved shot keeps what was typed.
+    if args.save_shot.is_some() {
+        return Ok(());
+    }
+    effect::check(args.developing.typed(), &kinds)?;
+    match &args.taking.said.render.truth_channels {
+        Some(names) if args.truth.is_none() && args.keep_plane.is_none() => Err(UsageError(anyhow!(
+            "--truth-channels {names}: expected --truth or --keep-plane beside it, such as --truth truth.exr: pictures and raw files have no such channels"
+        ))
+        .into()),
+        _ => Ok(()),
+    }
+}
 
 /// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
@@ -54,6 +74,8 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         ))
         .into());
     }
+    let written: Vec<&PathBuf> = file.output.files.iter().chain(&args.merge).chain(&args.stack).collect();
+    check_effects(args, &written)?;
     let count = sequence.count();
     // Whether the results can be written is known before the work, not after.
     let named = |path: &PathBuf| match sequence.names() {

@@ -1,10 +1,10 @@
 //! `stack`: a focus series into one picture that is sharp all over.
 
 use super::{print_json, read_raw};
-use crate::UsageError;
 use crate::args::Stack;
 use crate::output::{self, Kind, Output};
 use crate::watch::say;
+use crate::{UsageError, effect};
 use anyhow::anyhow;
 use diopter::develop::lut::Lut;
 use diopter::develop::stack::{StackError, stack};
@@ -17,6 +17,8 @@ use std::path::PathBuf;
 pub fn run(args: &Stack, json: bool) -> anyhow::Result<()> {
     output::distinct(args.raw.iter().map(|p| p.as_path()), args.output.iter().map(|p| p.as_path()))?;
     let outputs = prepare(&args.output)?;
+    let kinds: Vec<Kind> = outputs.iter().map(|o| o.0).collect();
+    effect::check(args.developing.typed(), &kinds)?;
     let mut recipe = Recipe::default();
     args.developing.apply(&mut recipe)?;
     let lut = diopter::recipe_file::lut(&recipe)?;

@@ -271,6 +271,8 @@ fn series_and_films_are_numbered_and_merged() {
     assert!((times[1] / times[0] - 4.0).abs() < 1e-9 && (times[2] / times[1] - 4.0).abs() < 1e-9, "{times:?}");
     f.ok(&["merge", "s-001.dng", "s-002.dng", "s-003.dng", "-o", "again.dng"]);
     f.ok(&["develop", "again.dng", "-o", "again.png"]);
+    let (code, message) = f.fails(&["merge", "s-001.dng", "./s-001.dng", "-o", "x.exr"]);
+    assert!(code == 2 && message.contains("named twice"), "{code} {message}");
     let (code, message) = f.fails(&["merge", "s-001.dng", "hdr.exr", "-o", "x.exr"]);
     assert!(code == 2 && message.contains("not both"), "{message}");
     // A series that is only wanted joined leaves no single pictures.
@@ -439,6 +441,15 @@ fn wrong_requests_exit_with_2_and_a_hint() {
         (&["shoot", "--samples", "9..3"], "A < B"),
         (&["shoot", "--focus", "0.01m"], "more than the focal length"),
         (&["shoot", "--blades", "2"], "3 to 64"),
+        (&["shoot", "--lens", "thin", "--blade-rotation", "20"], "blades beside it"),
+        (&["shoot", "--dng", "packed", "-o", "a.jpg"], "--dng packed: expected a .dng to write"),
+        (&["shoot", "--tone", "agx", "-o", "a.exr", "-o", "a.dng"], "--tone agx: expected a .jpg, .png or .tif to write"),
+        (&["shoot", "--preset", "film", "-o", "a.dng"], "--preset film: expected a developed picture to write"),
+        (&["shoot", "--truth-channels", "position", "-o", "a.dng"], "expected --truth or --keep-plane beside it"),
+        (&["develop", "a.dng", "--bits", "16", "-o", "a.jpg"], "--bits 16: expected a .png to write"),
+        (&["develop", "a.dng", "--quality", "50", "-o", "a.png"], "--quality 50: expected a .jpg to write"),
+        (&["develop", "a.dng", "--gain-map", "-o", "a.png"], "--gain-map: expected a .jpg to write"),
+        (&["stack", "a.dng", "b.dng", "--gamma", "2.2", "-o", "a.exr"], "expected a .jpg, .png or .tif to write"),
         (&["shoot", "--look-from", "1,2,3", "--look-at", "1,2,3"], "same point"),
         (&["shoot", "--look-from", "0,1,0", "--look-at", "0,0,0"], "such as [0, 0, 1]"),
         (&["shoot", "-o", "photo.gif"], ".jpg, .png, .tif, .exr or .dng"),

@@ -20,6 +20,7 @@ fn workers_and_threads_make_the_same_bytes() {
     std::fs::write(f.path("spec.toml"), SPEC).unwrap();
     let info = json(&f, &["dataset", "info", "spec.toml"]);
     assert_eq!((info["items"].as_u64(), info["listed"][2]["parameters"]["nd"].as_str()), (Some(4), None), "{info}");
+    assert_eq!(info["tried"], 4);
     assert_eq!(info["listed"][1]["parameters"], serde_json::json!({ "aperture": "f/2", "iso": 1600, "nd": "ND8" }));
     let told = json(&f, &["dataset", "make", "spec.toml", "-o", "a"]);
     assert_eq!((told["made"].as_u64(), told["files"].as_array().unwrap().len()), (Some(4), MADE.len()), "{told}");
@@ -56,7 +57,11 @@ fn what_makes_no_data_set_is_said() {
     let f = Folder::new("dataset-wrong");
     std::fs::write(f.path("spec.toml"), SPEC).unwrap();
     std::fs::write(f.path("wrong.toml"), SPEC.replace("\"iso\"", "\"isso\"")).unwrap();
-    let cases: [(&[&str], &str); 5] = [
+    // What fails only when a shot is prepared is said before any is taken, and no folder is begun that would keep the mistake.
+    std::fs::write(f.path("dark.toml"), SPEC.replace("[100, 1600]", "[100, 3]")).unwrap();
+    let cases: [(&[&str], &str); 7] = [
+        (&["info", "dark.toml"], "dark.toml: item 000001 (iso 3, aperture f/2, nd ND8): ISO 3: expected 100 to 6400"),
+        (&["make", "dark.toml", "-o", "dark"], "dark.toml: item 000001"),
         (&["make", "wrong.toml", "-o", "x"], "wrong.toml: [[vary]] 1 (isso): vary \"isso\"; expected"),
         (&["item", "spec.toml", "-o", "x"], "--item"),
         (&["item", "spec.toml", "--item", "4", "-o", "x"], "0 to 3"),
@@ -67,4 +72,5 @@ fn what_makes_no_data_set_is_said() {
         let (code, message) = f.fails(&[&["dataset"], args].concat());
         assert!(code == 2 && message.contains(said), "{args:?}: {code} {message}");
     }
+    assert!(!f.path("dark").exists());
 }

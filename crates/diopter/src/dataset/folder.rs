@@ -8,7 +8,7 @@ use super::item::json_of;
 use super::sha256::{self, Hashing};
 use super::{Dataset, Layout, parquet, tar};
 use crate::expose::{ExposeError, ProgressReporter};
-use crate::shot::{SceneCache, ShotError, is_of_scene};
+use crate::shot::{SceneCache, ShotError};
 use serde_json::{Map, Value, json};
 use std::fs::{self, File, OpenOptions};
 use std::hash::{BuildHasher, Hasher};
@@ -55,6 +55,11 @@ fn failed(path: &Path, e: impl std::fmt::Display) -> ShotError {
 }
 
 impl Folder {
+    /// Whether no data set has been begun in a folder, or there is no such folder.
+    pub fn is_new(path: &Path) -> bool {
+        !path.join(CARD).exists()
+    }
+
     /// Takes a folder for a data set, which is made if it is not there. Fails where something else lies in it: another data set, or the same by another
     /// version of diopter.
     pub fn open(dataset: Arc<Dataset>, path: &Path) -> Result<Folder, ShotError> {
@@ -118,15 +123,8 @@ impl Folder {
         }
         let is_done = |item: u64| self.part(item).is_file() || self.is_packed(shard, item);
         let mut missing: Vec<u64> = shard.items.iter().copied().filter(|i| items.contains(i) && !is_done(*i)).collect();
-        missing.sort_by_cached_key(|item| self.scene_of(*item));
+        missing.sort_by_cached_key(|item| self.dataset.scene_of(*item));
         missing
-    }
-
-    /// What tells the scenes of items apart.
-    fn scene_of(&self, item: u64) -> String {
-        let settings = self.dataset.settings(item).into_iter();
-        let of_scene = settings.filter(|(name, _)| is_of_scene(name));
-        of_scene.map(|(name, value)| format!("{name} = {value}\n")).collect()
     }
 
     /// Items that are to be made, shard by shard.

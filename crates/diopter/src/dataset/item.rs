@@ -14,6 +14,7 @@ use diopter_image::{FocalPlane, ImageError, Picture, RawImage, exr, jpeg, png, t
 use diopter_sensor::{ReadOut, Window};
 use serde_json::json;
 use std::io::Cursor;
+use std::path::PathBuf;
 
 /// A file of an item.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -130,7 +131,7 @@ impl Dataset {
     ///
     /// The archive is the same bytes wherever it is made, with the same version of diopter on the same kind of processor. Nothing of the clock, the machine or
     /// the folder is in it. Pictures are not denoised and outliers are kept, unless the specification says otherwise in `[shot.render]`; what denoises
-    /// by `on` or `oidn` depends on the library that is found. Fails on a number beyond the last item, on values that the shot file does not take, where the shot cannot
+    /// by `on` or `oidn` depends on the library that is found. Fails, naming the item, on a number beyond the last item, on values that the shot file does not take, where the shot cannot
     /// be taken or written, and with [`ExposeError::Cancelled`].
     pub fn make_item(
         &self,
@@ -139,13 +140,32 @@ impl Dataset {
         watch: &ProgressReporter,
         warn: &mut dyn FnMut(&str),
     ) -> Result<Vec<u8>, ShotError> {
+        self.made(item, scenes, watch, warn).map_err(|e| self.of_item(item, e))
+    }
+
+    /// The shot of an item, ready to be focused; with the names that the specification has for scene and calibration.
+    pub(super) fn prepared(
+        &self,
+        item: u64,
+        scenes: &mut SceneCache,
+        warn: &mut dyn FnMut(&str),
+    ) -> Result<(Shot, Option<String>, Option<PathBuf>), ShotError> {
         let mut file = self.relative_shot(item)?;
-        let scene = file.scene.file.clone();
-        let calibration = file.camera.calibration.clone();
+        let (scene, calibration) = (file.scene.file.clone(), file.camera.calibration.clone());
         file.place_paths(self.folder());
         // A shutter angle becomes a time.
         Sequence::new(&mut file)?;
-        let mut shot = Shot::prepare_cached(&file, Inputs::default(), scenes, warn)?;
+        Ok((Shot::prepare_cached(&file, Inputs::default(), scenes, warn)?, scene, calibration))
+    }
+
+    fn made(
+        &self,
+        item: u64,
+        scenes: &mut SceneCache,
+        watch: &ProgressReporter,
+        warn: &mut dyn FnMut(&str),
+    ) -> Result<Vec<u8>, ShotError> {
+        let (mut shot, scene, calibration) = self.prepared(item, scenes, warn)?;
         let quiet = ProgressReporter { cancel: watch.cancel, progress: &|_| () };
         shot.focus(&quiet, warn)?;
         shot.meter_if_needed(&quiet, warn)?;

@@ -4,6 +4,7 @@
 //! order and with how many threads changes no bit. [`Folder`] is where items are gathered, and goes on where it was stopped; [`job`] describes the
 //! work for render farms. Whoever schedules (a command, Ray, Dask, OpenJD) moves numbers of items to workers and archives back.
 
+mod check;
 mod draw;
 mod folder;
 pub(crate) mod item;
@@ -22,7 +23,7 @@ pub use spec::{PoseSection, SpecFile, SplitSection, VarySection, WriteSection};
 use crate::files;
 use crate::quantity::Seconds;
 use crate::sheet::text_of;
-use crate::shot::{Sequence, ShotError, ShotFile};
+use crate::shot::{Sequence, ShotError, ShotFile, is_of_scene};
 use diopter_light::names::nearest;
 use item::File;
 use rule::Vary;
@@ -95,7 +96,7 @@ impl Dataset {
     }
 
     /// Checks a specification. `place`: what it is called in errors; `folder`: what its paths are relative to. Every value that is listed is tried;
-    /// scenes, lenses and bodies are read when items are made. Fails on keys, names and values that are not known or out of range, and without a number of items.
+    /// scenes, lenses and bodies are read when items are made, or by [`Dataset::check_items`]. Fails on keys, names and values that are not known or out of range, and without a number of items.
     pub fn new(text: &str, place: &str, folder: &Path) -> Result<Dataset, ShotError> {
         let file: SpecFile = toml::from_str(text)
             .map_err(|e| ShotError::Syntax { path: place.to_owned(), reason: e.to_string().trim_end().to_owned() })?;
@@ -246,6 +247,12 @@ impl Dataset {
             }
         }
         all
+    }
+
+    /// What tells the scenes of items apart.
+    fn scene_of(&self, item: u64) -> String {
+        let of_scene = self.settings(item).into_iter().filter(|(name, _)| is_of_scene(name));
+        of_scene.map(|(name, value)| format!("{name} = {value}\n")).collect()
     }
 
     /// The shot of an item, with paths as they are written.

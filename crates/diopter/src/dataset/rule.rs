@@ -138,6 +138,11 @@ fn around_number(text: &str) -> Option<(String, f64, String)> {
     Some((text[..start].to_owned(), quantity::number(&text[start..end])?, text[end..].trim_end().to_owned()))
 }
 
+/// The numbers of a value: one of "f/2.8", all of a list, none of a word.
+pub(super) fn numbers(value: &Value) -> Vec<f64> {
+    Numbers::read(value).map_or(Vec::new(), |n| n.values)
+}
+
 fn entry(place: &str, found: impl Into<String>, expected: impl Into<String>) -> ShotError {
     ShotError::Entry { place: place.to_owned(), found: found.into(), expected: expected.into() }
 }
@@ -301,6 +306,11 @@ impl Vary {
             Rule::Pose(_) => Pose::SETTINGS.map(str::to_owned).to_vec(),
             _ => self.names.clone(),
         }
+    }
+
+    /// Whether its values are listed one by one.
+    pub fn is_listed(&self) -> bool {
+        matches!(self.rule, Rule::Cycle(_) | Rule::Grid { .. } | Rule::Choice { .. })
     }
 
     /// Values that can be tried before any item is made: all that are listed, and the ends of ranges.

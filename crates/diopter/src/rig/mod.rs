@@ -168,27 +168,41 @@ impl Rig {
         format!("{frame:0digits$}")
     }
 
-    /// The shots of the cameras: one scene, metered at the first frame, each ready for [`Rig::turn`]. Fails as [`Shot::prepare`], [`Shot::focus`] and [`Shot::meter`].
+    /// The shots of the cameras: one scene, metered at the first frame, each ready for [`Rig::turn`]. Fails as [`Shot::prepare`], [`Shot::focus`] and [`Shot::meter`],
+    /// naming the camera.
     pub fn shots(&self, watch: &ProgressReporter, warn: &mut dyn FnMut(&str)) -> Result<Vec<Shot>, ShotError> {
         let mut scenes = SceneCache::of_rig();
         let quiet = ProgressReporter { cancel: watch.cancel, progress: &|_| () };
         let mut shots: Vec<Shot> = Vec::new();
         for camera in &self.cameras {
-            let inputs = Inputs { mounted: Some(camera.mounted.clone()), ..Default::default() };
-            let mut told = |text: &str| warn(&format!("camera {}: {text}", camera.name));
-            let mut shot = Shot::prepare_cached(&camera.shot, inputs, &mut scenes, &mut told)?;
-            if let Some(first) = shots.first() {
-                // A scene without a scale has one light for all.
-                shot.copy_light_scale_from(first);
-            }
-            shot.focus(&quiet, &mut told)?;
-            match shots.first().and_then(|first| first.facts().metered_ev100).filter(|_| self.common_metering) {
-                Some(ev) => shot.apply_meter_reading(Some(ev), &mut told)?,
-                None => shot.meter(&quiet, &mut told)?,
-            }
-            shots.push(shot);
+            let shot = self.shot(camera, shots.first(), &mut scenes, &quiet, warn);
+            shots.push(shot.map_err(|e| e.of_shot(format!("camera {}", camera.name)))?);
         }
         Ok(shots)
+    }
+
+    /// The shot of a camera; `first`: that of the first one.
+    fn shot(
+        &self,
+        camera: &RigCamera,
+        first: Option<&Shot>,
+        scenes: &mut SceneCache,
+        watch: &ProgressReporter,
+        warn: &mut dyn FnMut(&str),
+    ) -> Result<Shot, ShotError> {
+        let inputs = Inputs { mounted: Some(camera.mounted.clone()), ..Default::default() };
+        let mut told = |text: &str| warn(&format!("camera {}: {text}", camera.name));
+        let mut shot = Shot::prepare_cached(&camera.shot, inputs, scenes, &mut told)?;
+        if let Some(first) = first {
+            // A scene without a scale has one light for all.
+            shot.copy_light_scale_from(first);
+        }
+        shot.focus(watch, &mut told)?;
+        match first.and_then(|first| first.facts().metered_ev100).filter(|_| self.common_metering) {
+            Some(ev) => shot.apply_meter_reading(Some(ev), &mut told)?,
+            None => shot.meter(watch, &mut told)?,
+        }
+        Ok(shot)
     }
 
     /// Makes the shot of a camera ready for a frame. Fails as [`Shot::advance_to`], and on a camera or frame that the rig does not have.

@@ -138,7 +138,15 @@ fn white(file: &ShotFile) -> &str {
 }
 
 /// Refuses what a camera, as it stands, cannot do of what is asked, and tells what it leaves out.
-pub(super) fn check_camera(render: &RenderSection, camera: &Camera, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+pub(super) fn check_camera(file: &ShotFile, camera: &Camera, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+    let (render, c) = (&file.render, &file.camera);
+    let shaped =
+        c.blades.is_some() || c.blade_curvature.is_some() || c.blade_rotation_deg.is_some() || c.aperture_image.is_some();
+    if shaped && camera.lens.is_sharp_everywhere() {
+        warn(
+            "the shape of the iris shows nowhere: what is sharp everywhere has no aperture (--aperture gives fisheyes and calibrated cameras one)",
+        );
+    }
     let microlenses = camera.film.microlenses.is_some();
     if render.diffraction == Some(DiffractionChoice::On) {
         let expected = match &camera.lens {

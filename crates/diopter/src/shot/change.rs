@@ -169,7 +169,7 @@ impl Shot {
             }
         };
         timing.carrier = carrier;
-        asked::check_camera(&file.render, &camera, warn)?;
+        asked::check_camera(&file, &camera, warn)?;
         let stabiliser = scene_setup::stabiliser(&file, &camera, &timing)?;
         // Light that was settled by the mean of the frame is settled anew in another frame; a scene with a scale keeps it.
         let same_frame = !changed && self.file.scene == file.scene && self.file.camera == file.camera;

@@ -50,6 +50,14 @@ pub enum ShotError {
         /// What belongs there, and a hint.
         expected: String,
     },
+    /// One of many shots, such as an item of a data set or a camera of a rig.
+    #[error("{place}: {why}")]
+    Item {
+        /// Which: file, number, what differs in it.
+        place: String,
+        /// Why it cannot be taken.
+        why: Box<ShotError>,
+    },
     /// The scene.
     #[error(transparent)]
     Scene(#[from] SceneError),
@@ -82,8 +90,19 @@ pub enum ShotError {
 impl ShotError {
     /// Whether the user asked for something impossible (rather than something failing on the way).
     pub fn is_request(&self) -> bool {
+        if let ShotError::Item { why, .. } = self {
+            return why.is_request();
+        }
         let failed = matches!(self, ShotError::Read { .. } | ShotError::Expose(_) | ShotError::Scene(_) | ShotError::Focus(_));
         !failed && !matches!(self, ShotError::Denoise(_))
+    }
+
+    /// The same as an error of one of many shots. A stop stays what it is.
+    pub(crate) fn of_shot(self, place: String) -> ShotError {
+        match self {
+            ShotError::Expose(ExposeError::Cancelled) => self,
+            why => ShotError::Item { place, why: Box::new(why) },
+        }
     }
 }
 

@@ -48,6 +48,11 @@ impl ShotError {
             }
             ShotError::Value { what, found, expected } => ErrorParts::of_value(what.as_ref(), found, expected),
             ShotError::Entry { place, found, expected } => ErrorParts::of_value(place, found, expected),
+            ShotError::Item { place, why } => {
+                let parts = why.parts();
+                let place = parts.place.map_or_else(|| place.clone(), |inner| format!("{place}: {inner}"));
+                ErrorParts { place: Some(place), ..parts }
+            }
             ShotError::Recipe(e) => ErrorParts::of_value(&e.place, &e.found, &e.expected),
             ShotError::Scene(SceneError::File { place, found, expected }) => {
                 ErrorParts::of_value(place, found, expected.strip_prefix("expected ").unwrap_or(expected))

@@ -236,7 +236,7 @@ impl Shot {
         if let Some(fog) = &file.scene.fog {
             surroundings::add_fog(&mut scene, fog, camera.motion.at(0.0).translation.into())?;
         }
-        asked::check_camera(&file.render, &camera, warn)?;
+        asked::check_camera(&file, &camera, warn)?;
         let stabiliser = scene_setup::stabiliser(&file, &camera, &timing)?;
         let facts = asked.facts(scene_name, lens_facts(&camera, &asked.sensor, wants_profile(&file, inputs.draft)));
         let reading = asked.reading(&file);

@@ -250,13 +250,13 @@ section! {
         /// Blades of the iris; without, the lens's own, or round.
         #[arg(long, value_name = "N", help_heading = "Lens")]
         pub blades: Option<u32>,
-        /// How round the blades are: 0 straight to 1.
+        /// How round the blades are, those of --blades or of the lens: 0 straight to 1.
         #[arg(long, value_name = "X", help_heading = "Lens")]
         pub blade_curvature: Option<f32>,
         /// A picture (PNG, JPEG) as aperture: white lets light through.
         #[arg(long, value_name = "FILE", help_heading = "Lens")]
         pub aperture_image: Option<PathBuf>,
-        /// Turn the iris, degrees.
+        /// Turn the blades, those of --blades or of the lens, degrees.
         #[arg(long = "blade-rotation", value_name = "DEG", allow_negative_numbers = true, help_heading = "Lens")]
         pub blade_rotation_deg: Option<f32>,
         /// A hood of this length before a real lens, as narrow as the picture allows: shades the front element from light beside the picture.

@@ -56,10 +56,17 @@ impl Light<'_> {
     }
 }
 
-/// Checks `light` before any file is read.
+/// Checks what lights the scene before any file is read: names, and what contradicts or needs something beside it.
 pub(super) fn check(section: &SceneSection) -> Result<(), ShotError> {
-    let Some(text) = section.light.as_deref() else { return Ok(()) };
-    let light = Light::parse(text)?;
+    let light = section.light.as_deref().map(Light::parse).transpose()?;
+    if section.environment.is_none() && !matches!(light, Some(Light::File(_))) {
+        let turned = section.environment_rotation_deg.map(|v| ("environment_rotation", format!("{v}°")));
+        let scaled = section.environment_scale.map(|v| ("environment_scale", v.to_string()));
+        if let Some((what, found)) = turned.or(scaled) {
+            return Err(value(what, found, "a picture beside it that lights the scene: environment = FILE or light = FILE"));
+        }
+    }
+    let (Some(text), Some(light)) = (section.light.as_deref(), light) else { return Ok(()) };
     if section.environment.is_some() {
         return Err(value("light", format!("\"{text}\" beside an environment"), "one of the two"));
     }

@@ -1,7 +1,7 @@
 //! What a shot file asks for, and what the camera says to it.
 
 use diopter::expose::ProgressReporter;
-use diopter::lens::Lens;
+use diopter::lens::{Iris, Lens};
 use diopter::shot::{Shot, ShotFile};
 use std::sync::atomic::AtomicBool;
 
@@ -266,4 +266,62 @@ fn pictures_of_light_without_a_scale_are_as_bright_as_a_day() {
         assert!(error.contains("black everywhere") && error.contains("no other"), "{error}");
     }
     std::fs::remove_file(&path).unwrap();
+}
+
+fn refused(toml: &str) -> String {
+    let file: ShotFile = toml::from_str(toml).unwrap_or_else(|e| panic!("{toml}: {e}"));
+    Shot::prepare(&file, &mut |_| ()).err().unwrap_or_else(|| panic!("{toml} is accepted")).to_string()
+}
+
+#[test]
+fn what_needs_something_beside_it_is_refused_alone() {
+    for (toml, told) in [
+        ("[camera]\nlens = \"thin\"\nblade_rotation_deg = 20.0", "blade_rotation 20°: expected blades beside it"),
+        ("[camera]\nlens = \"double-gauss-50mm\"\nblade_curvature = 0.5", "blade_curvature 0.5: expected blades beside it"),
+        ("[camera]\naperture_image = \"star.png\"\nblades = 5", "blades 5: expected no aperture_image beside it"),
+        ("[scene]\nenvironment_rotation_deg = 5.0", "environment_rotation 5°: expected a picture beside it"),
+        ("[scene]\nlight = \"sun\"\nenvironment_scale = 2.0", "environment_scale 2: expected a picture beside it"),
+    ] {
+        let error = refused(&format!("[render]\nsize = \"24x16\"\n{toml}\n"));
+        assert!(error.contains(told), "{toml}: {error}");
+    }
+}
+
+#[test]
+fn an_iris_that_shows_nowhere_is_told() {
+    let small = |camera: &str| format!("[render]\nsize = \"24x16\"\n[camera]\nblades = 5\nlens = \"{camera}\"\n");
+    let said = |toml: &str| told(toml).1.iter().any(|w| w.contains("shape of the iris"));
+    assert!(said(&small("pinhole")) && said(&small("fisheye-equidistant")) && !said(&small("thin")));
+    assert!(!said(&format!("{}[exposure]\naperture = \"f/4\"\n", small("fisheye-equidistant"))));
+}
+
+#[test]
+fn blades_of_a_lens_sheet_are_turned_and_rounded() {
+    let path = std::env::temp_dir().join(format!("diopter-requests-blades-{}.toml", std::process::id()));
+    let mut sheet = diopter::lens::embedded("double-gauss-50mm").unwrap();
+    sheet.iris = Iris::blades(7, 0.1, 0.2).unwrap();
+    std::fs::write(&path, sheet.to_toml()).unwrap();
+    let blades = |more: &str| {
+        let lens = path.display();
+        let (shot, _) =
+            told(&format!("[render]\nsize = \"24x16\"\n[exposure]\naperture = \"f/4\"\n[camera]\nlens = \"{lens}\"\n{more}"));
+        match &shot.camera.lens {
+            Lens::Compound(lens) => match &lens.system().iris.shape {
+                Iris::Blades(b) => (b.count, b.rotation, b.curvature),
+                other => panic!("{other:?}"),
+            },
+            _ => panic!("a real lens"),
+        }
+    };
+    let near = |a: (u32, f32, f32), b: (u32, f32, f32)| a.0 == b.0 && (a.1 - b.1).abs() < 1e-5 && (a.2 - b.2).abs() < 1e-5;
+    for (more, expected) in [
+        ("", (7, 0.1, 0.2)),
+        ("blade_rotation_deg = 90.0", (7, std::f32::consts::FRAC_PI_2, 0.2)),
+        ("blade_curvature = 0.5", (7, 0.1, 0.5)),
+        ("blades = 5", (5, 0.0, 0.0)),
+    ] {
+        let found = blades(more);
+        assert!(near(found, expected), "{more}: {found:?}");
+    }
+    std::fs::remove_file(&path).ok();
 }

@@ -216,3 +216,12 @@ fn wrong_rigs_are_refused_with_place_and_hint() {
         assert!(e.contains("my.toml") && e.contains(told), "{to}: {e}");
     }
 }
+
+#[test]
+fn a_shot_that_cannot_be_taken_names_its_camera() {
+    let folder = folder();
+    let rig = Rig::new(&MOVING.replace("exposure.shutter = \"1/50\"", "exposure.iso = 3"), "my.toml", folder.path()).unwrap();
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| {} };
+    let error = rig.shots(&watch, &mut |_| ()).err().unwrap();
+    assert!(error.is_request() && error.to_string().starts_with("camera b: ISO 3: expected 100 to"), "{error}");
+}

@@ -5,43 +5,58 @@
 
 use std::io::{Read, Result, Seek, SeekFrom};
 
-/// Bytes of the header: byte order, version, place of the first directory.
-const HEADER: u64 = 8;
+/// Bytes of a header: byte order, version, place of the first directory; of BigTIFF with the size of places before it.
+const CLASSIC: usize = 8;
+const BIG: usize = 16;
 
 /// A file with another header and a directory behind its end.
 pub struct Disguised<R> {
     inner: R,
     place: u64,
     length: u64,
-    header: [u8; HEADER as usize],
+    header: Vec<u8>,
     behind: Vec<u8>,
 }
 
 impl<R: Read + Seek> Disguised<R> {
-    /// Dresses a classic TIFF up; returns it with the place of its real first directory. `None` of anything else. Fails where reading does.
+    /// Dresses a TIFF up, a classic or a large one; returns it with the place of its real first directory. `None` of anything else. Fails where reading does.
     pub fn new(mut inner: R) -> Result<(Self, Option<u64>)> {
         let length = inner.seek(SeekFrom::End(0))?;
         inner.seek(SeekFrom::Start(0))?;
-        let mut header = [0; HEADER as usize];
-        let mut told = Vec::new();
-        inner.by_ref().take(HEADER).read_to_end(&mut told)?;
-        header[..told.len()].copy_from_slice(&told);
+        let mut header = Vec::new();
+        inner.by_ref().take(BIG as u64).read_to_end(&mut header)?;
         inner.seek(SeekFrom::Start(0))?;
-        let mut file = Disguised { inner, place: 0, length, header, behind: Vec::new() };
-        let big_endian = match &header[..4] {
-            b"II*\0" => false,
-            b"MM\0*" => true,
-            _ => return Ok((file, None)),
+        let layout = match header.get(..4) {
+            Some(b"II*\0") => Some((false, CLASSIC)),
+            Some(b"MM\0*") => Some((true, CLASSIC)),
+            Some(b"II+\0") => Some((false, BIG)),
+            Some(b"MM\0+") => Some((true, BIG)),
+            _ => None,
         };
-        // Directories lie at even places that four bytes can tell.
+        let layout = layout.filter(|(_, bytes)| header.len() >= *bytes);
+        let mut file = Disguised { inner, place: 0, length, header, behind: Vec::new() };
+        let Some((big_endian, bytes)) = layout else {
+            file.header.clear();
+            return Ok((file, None));
+        };
+        file.header.truncate(bytes);
+        // Directories lie at even places that the header can tell: in its second half.
         let fake = length.next_multiple_of(2);
-        let Ok(at) = u32::try_from(fake) else { return Ok((file, None)) };
-        let offset = [header[4], header[5], header[6], header[7]];
-        let first = if big_endian { u32::from_be_bytes(offset) } else { u32::from_le_bytes(offset) };
-        file.header[4..].copy_from_slice(&if big_endian { at.to_be_bytes() } else { at.to_le_bytes() });
+        if bytes == CLASSIC && u32::try_from(fake).is_err() {
+            return Ok((file, None));
+        }
+        let told = &mut file.header[bytes / 2..];
+        let first = told.iter().enumerate().fold(0, |sum, (k, byte)| {
+            let k = if big_endian { told.len() - 1 - k } else { k };
+            sum | u64::from(*byte) << (8 * k)
+        });
+        match big_endian {
+            true => told.copy_from_slice(&fake.to_be_bytes()[8 - bytes / 2..]),
+            false => told.copy_from_slice(&fake.to_le_bytes()[..bytes / 2]),
+        }
         file.behind = vec![0; (fake - length) as usize];
-        file.behind.extend(grey(big_endian));
-        Ok((file, Some(u64::from(first))))
+        file.behind.extend(grey(big_endian, bytes == BIG));
+        Ok((file, Some(first)))
     }
 }
 
@@ -53,19 +68,27 @@ impl<R> Disguised<R> {
 }
 
 /// A directory of one grey pixel.
-fn grey(big_endian: bool) -> Vec<u8> {
-    const SHORT: u16 = 3;
+fn grey(big_endian: bool, large: bool) -> Vec<u8> {
+    const SHORT: u64 = 3;
     // Width, height, bits, compression, photometric interpretation, strip's place, rows a strip, bytes of the strip.
-    let fields = [(256u16, 1u16), (257, 1), (258, 8), (259, 1), (262, 1), (273, 0), (278, 1), (279, 1)];
+    let fields = [(256u64, 1u64), (257, 1), (258, 8), (259, 1), (262, 1), (273, 0), (278, 1), (279, 1)];
+    // Of a number of entries, and of a count, a value or a place.
+    let (entries, word) = if large { (8, 8) } else { (2, 4) };
     let mut bytes = Vec::new();
-    let mut put16 = |v: u16| bytes.extend(if big_endian { v.to_be_bytes() } else { v.to_le_bytes() });
-    put16(fields.len() as u16);
+    let mut put = |value: u64, size: usize| match big_endian {
+        true => bytes.extend(&value.to_be_bytes()[8 - size..]),
+        false => bytes.extend(&value.to_le_bytes()[..size]),
+    };
+    put(fields.len() as u64, entries);
     for (tag, value) in fields {
-        // Count 1 as four bytes, the value in the first two of four.
-        let count = if big_endian { [0, 1] } else { [1, 0] };
-        [tag, SHORT, count[0], count[1], value, 0].into_iter().for_each(&mut put16);
+        put(tag, 2);
+        put(SHORT, 2);
+        put(1, word);
+        // A short value stands in the first two bytes.
+        put(value, 2);
+        put(0, word - 2);
     }
-    [0, 0].into_iter().for_each(&mut put16);
+    put(0, word);
     bytes
 }
 

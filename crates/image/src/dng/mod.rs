@@ -237,6 +237,50 @@ mod tests {
         file.into_inner()
     }
 
+    /// The same file as BigTIFF (little-endian): places of eight bytes, the directory behind the end.
+    fn large(classic: &[u8]) -> Vec<u8> {
+        let number = |at: usize, bytes: usize| classic[at..at + bytes].iter().rev().fold(0u64, |n, b| n << 8 | u64::from(*b));
+        let directory = number(4, 4) as usize;
+        let count = number(directory, 2);
+        let mut all = [&b"II+\0\x08\0\0\0"[..], &(classic.len() as u64 + 8).to_le_bytes(), &classic[8..]].concat();
+        all.extend(count.to_le_bytes());
+        for entry in (0..count as usize).map(|k| directory + 2 + 12 * k) {
+            let [tag, kind, values] = [number(entry, 2), number(entry + 2, 2), number(entry + 4, 4)];
+            let bytes = values as usize * [1, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8][kind as usize];
+            let at = if bytes <= 4 { entry + 8 } else { number(entry + 8, 4) as usize };
+            let mut told = if bytes <= 8 { classic[at..at + bytes].to_vec() } else { (at as u64 + 8).to_le_bytes().to_vec() };
+            if tag == u64::from(tag::STRIP_OFFSETS) {
+                told = (number(at, bytes) + 8).to_le_bytes()[..bytes].to_vec();
+            }
+            told.resize(8, 0);
+            all.extend(classic[entry..entry + 4].iter().copied().chain(values.to_le_bytes()).chain(told));
+        }
+        all.extend([0; 8]);
+        all
+    }
+
+    #[test]
+    fn large_tiffs_are_read_as_classic_ones() {
+        let dn: Vec<u16> = (0..8 * 4).map(|i| 300 * i).collect();
+        let classic = tiny([8, 4], 1, &shorts(&dn), vec![white(vec![0.5, 1.0, 0.8])]);
+        if !classic.starts_with(b"II") {
+            return;
+        }
+        let [a, b] = [&classic, &large(&classic)].map(|file| read(Cursor::new(file.clone())).unwrap());
+        assert_eq!(a.mosaic.data, b.mosaic.data);
+        assert_eq!((a.header.white_level, &a.header.cfa), (b.header.white_level, &b.header.cfa));
+        // Cut within its header, it is no file.
+        assert!(read(Cursor::new(large(&classic)[..12].to_vec())).is_err());
+    }
+
+    #[test]
+    fn filters_that_are_not_known_are_named() {
+        let dn = shorts(&[1000; 8 * 4]);
+        let emerald = vec![white(vec![1.0; 3]), (tag::CFA_PATTERN, Field::Bytes(vec![0, 1, 3, 5]))];
+        let error = read(Cursor::new(tiny([8, 4], 1, &dn, emerald))).unwrap_err().to_string();
+        assert!(error.contains("of red, green, cyan, yellow; expected red, green, blue and clear"), "{error}");
+    }
+
     fn shorts(values: &[u16]) -> Vec<u8> {
         values.iter().flat_map(|v| v.to_ne_bytes()).collect()
     }

@@ -348,7 +348,11 @@ fn pattern<R: Read + Seek>(file: &mut File<R>, raw: &Directory) -> Result<Cfa, I
     let filter = |n: &f64| FILTER_NUMBERS.iter().find(|f| f64::from(f.1) == *n).map(|f| f.0);
     let filters: Option<Vec<Filter>> = cells.iter().map(filter).collect();
     let (Some(filters), &[rows, columns]) = (filters, repeat.as_slice()) else {
-        return Err(malformed(format!("the colour filter array {repeat:?} {cells:?} is not of red, green, blue and clear")));
+        // Source of the numbers: DNG, tag CFAPlaneColor.
+        const NAMES: [&str; 7] = ["red", "green", "blue", "cyan", "magenta", "yellow", "clear"];
+        let name = |n: &f64| NAMES.get(*n as usize).map_or_else(|| format!("number {n}"), |name| (*name).to_owned());
+        let found = cells.iter().map(name).collect::<Vec<_>>().join(", ");
+        return Err(malformed(format!("a colour filter array of {found}; expected red, green, blue and clear")));
     };
     let cfa = if rows as usize * columns as usize == filters.len() { Cfa::new(columns as usize, filters) } else { None };
     cfa.ok_or_else(|| malformed(format!("the colour filter array is no rectangle: {repeat:?} of {} cells", cells.len())))

@@ -1,8 +1,8 @@
 //! Spectral responses of a data sheet: read from the sheet or by name, behind the filter before the sensor.
 
 use super::Checks;
-use crate::SensorError;
 use crate::data::RESPONSES;
+use crate::{SensorError, nearest};
 use diopter_image::Cfa;
 use diopter_image::raw::Filter;
 use diopter_light::spectrum::Table;
@@ -93,10 +93,16 @@ pub(super) fn relative_responses(response: Response, cfa: &Cfa, place: &str) -> 
         Response::Named(name) => {
             let Some((_, csv)) = RESPONSES.iter().find(|r| r.0 == name) else {
                 let known: Vec<&str> = RESPONSES.iter().map(|r| r.0).collect();
-                return Err(SensorError::Unknown {
-                    what: "response",
-                    found: name,
-                    hint: format!("; known are {}", known.join(", ")),
+                let hint =
+                    nearest(&name, known.iter().copied()).map_or(String::new(), |near| format!(" (did you mean \"{near}\"?)"));
+                return Err(SensorError::Range {
+                    what: format!("{place}: response"),
+                    found: format!("\"{name}\""),
+                    expected: format!(
+                        "curves of your own, {{ first_nm = 400, step_nm = 10, {} = [...] }}, or one of {}{hint}",
+                        needed.join(" = [...], "),
+                        known.join(", ")
+                    ),
                 });
             };
             let (_, rows) = diopter_light::cie::tables::read_csv(csv);

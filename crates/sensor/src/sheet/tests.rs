@@ -45,6 +45,16 @@ fn contradictions_are_named() {
         ("[sources]", "dark_current = [[20, -1]]\n[sources]", "dark_current"),
         ("[sources]", "crosstalk_percent = 30\n[sources]", "0 to 20"),
         ("[sources]", "typo = 1\n[sources]", "typo"),
+        ("[sources]", "fullwell_e = 1\n[sources]", "did you mean `full_well_e`?"),
+        ("[sources]", "", "sheet.toml: [sources] missing: expected a table"),
+        ("adc_bits = 12", "", "sheet.toml: adc_bits missing: expected a line adc_bits = ..."),
+        ("[sources]", "[lens]\nf_number = 2\n[sources]", "line 13"),
+        (
+            "{ first_nm = 380, step_nm = 200, Y = [1.0, 1.0, 1.0] }",
+            "\"imx42\"",
+            "sheet.toml: response \"imx42\": expected curves",
+        ),
+        ("{ first_nm = 380, step_nm = 200, Y = [1.0, 1.0, 1.0] }", "\"nikon_d85\"", "(did you mean \"nikon_d850\"?)"),
         ("[sources]", "[lens]\nfocal_length_mm = 0\nf_number = 2\n[sources]\nlens = \"x\"", "lens.focal_length_mm"),
         ("[sources]", "[lens]\nfocal_length_mm = 4\nf_number = 2\n[sources]", "sources.lens"),
     ] {

@@ -28,9 +28,15 @@ use diopter_sensor::format::Format;
 use diopter_sensor::{BodyLens, Sensor, format};
 use glam::{DVec2, Vec3};
 
-/// The iris that a shot asks for instead of the lens's own.
-pub(super) fn iris(c: &CameraSection) -> Result<Option<Iris>, ShotError> {
+/// The iris that a shot asks for instead of the lens's own, which keeps what is not said of it. Fails on what no iris is, and on blades that are turned or rounded where
+/// neither shot nor lens has any.
+pub(super) fn iris(c: &CameraSection, own: &Iris) -> Result<Option<Iris>, ShotError> {
+    let of_blades = c.blade_rotation_deg.map(|v| ("blade_rotation", format!("{v}°")));
+    let of_blades = of_blades.or(c.blade_curvature.map(|v| ("blade_curvature", v.to_string())));
     if let Some(path) = &c.aperture_image {
+        if let Some((what, found)) = c.blades.map(|n| ("blades", n.to_string())).or(of_blades) {
+            return Err(value(what, found, "no aperture_image beside it: a picture has no blades"));
+        }
         let told = |reason: String| ShotError::Read { path: path.display().to_string(), reason };
         let picture = read_codes(&read_file(path)?).map_err(told)?;
         let luminance = RgbSpace::Srgb.luminance_weights();
@@ -38,8 +44,16 @@ pub(super) fn iris(c: &CameraSection) -> Result<Option<Iris>, ShotError> {
             picture.data.as_chunks::<3>().0.iter().map(|p| (0..3).map(|c| luminance[c] * p[c]).sum::<f32>().min(1.0)).collect();
         return Ok(Some(Iris::image(picture.width, picture.height, values)?));
     }
-    let rotation = c.blade_rotation_deg.unwrap_or(0.0).to_radians();
-    c.blades.map(|count| Ok(Iris::blades(count, rotation, c.blade_curvature.unwrap_or(0.0))?)).transpose()
+    let (count, rotation, curvature) = match (c.blades, own, of_blades) {
+        (Some(count), ..) => (count, 0.0, 0.0),
+        (None, _, None) => return Ok(None),
+        (None, Iris::Blades(b), _) => (b.count, b.rotation, b.curvature),
+        (None, _, Some((what, found))) => {
+            return Err(value(what, found, "blades beside it, such as blades = 7: the iris of this lens has none"));
+        }
+    };
+    let rotation = c.blade_rotation_deg.map_or(rotation, f32::to_radians);
+    Ok(Some(Iris::blades(count, rotation, c.blade_curvature.unwrap_or(curvature))?))
 }
 
 /// An ideal fisheye.
@@ -182,11 +196,16 @@ pub(in crate::shot) fn camera(
     let sharp = own.is_some_and(|[radius, _]| radius == 0.0) && file.exposure.aperture.is_none();
     let of_file = view.filter(|_| bare && c.look_from.is_none()).map(|v| &v.sight);
     // Without an aperture that somebody asked for, cameras that are projections see everything sharp.
-    let blades = iris(c)?.unwrap_or_default();
+    let blades = || iris(c, &Iris::Round).map(Option::unwrap_or_default);
     let asked = file.exposure.aperture.is_some();
     let calibrated = |source: &CameraSource| {
         let name = c.calibration.as_ref().map_or(String::new(), |p| p.display().to_string());
-        source.lens(&name, &film, f_number, asked.then(|| (blades.clone(), focus)))
+        Ok::<_, ShotError>(source.lens(
+            &name,
+            &film,
+            f_number,
+            asked.then(|| Ok::<_, ShotError>((blades()?, focus))).transpose()?,
+        )?)
     };
     let hole =
         |projection| Ok::<_, LensError>(Lens::Pinhole(Pinhole { projection, ..Pinhole::new(Millimeters(focal_mm), f_number)? }));
@@ -202,7 +221,7 @@ pub(in crate::shot) fn camera(
             hole(Projection::Orthographic { reduction: height.0 * 1000.0 / film.height_mm })?
         }
         Some(name) if let Some(kind) = ideal_fisheye(name) => {
-            let pupil = asked.then(|| Pupil { iris: blades.clone(), focus });
+            let pupil = asked.then(|| Ok::<_, ShotError>(Pupil { iris: blades()?, focus })).transpose()?;
             Lens::Calibrated(Box::new(fisheye(kind, name, &film, focal_mm, f_number, pupil)?))
         }
         None if let Some(CameraProjection::Table(table)) = of_file => {
@@ -230,7 +249,7 @@ pub(in crate::shot) fn camera(
             // So is the radius of its opening.
             let is_opening_of_view = file.exposure.aperture.is_none() && of_view.is_some();
             let f_number = if is_opening_of_view { f_number * focal / focal_mm } else { f_number };
-            let thin = ThinLens::new(Millimeters(focal), f_number, iris(c)?.unwrap_or_default(), focus)?;
+            let thin = ThinLens::new(Millimeters(focal), f_number, blades()?, focus)?;
             Lens::Thin(thin.tilted(tilt)?)
         }
         Some(name) => {
@@ -242,7 +261,7 @@ pub(in crate::shot) fn camera(
                 focal_length: printed.or(c.focal_length.map(|f| f.0)),
                 f_number: Some(f_number),
                 focus,
-                iris: iris(c)?,
+                iris: iris(c, &prescription.iris)?,
                 film_mm: (2.0 * film.reach()).to_array(),
             };
             let mut prescription = prescription;
@@ -485,7 +504,7 @@ pub(super) fn lens_of_table(
             focal_length: None,
             f_number: file.exposure.aperture.map(|a| a.0),
             focus,
-            iris: iris(&file.camera)?,
+            iris: iris(&file.camera, &prescription.iris)?,
             film_mm: (2.0 * film.reach()).to_array(),
         };
         Ok::<_, ShotError>(CompoundLens::new(prescription.clone(), &setting)?)
