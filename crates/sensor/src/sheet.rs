@@ -7,6 +7,7 @@ use crate::sensor::{BodyLens, DarkCurrent, HotPixels, IsoStep, Plenoptic, Second
 use crate::{Sensor, SensorError};
 use diopter_image::Cfa;
 use diopter_light::lattice::Arrangement;
+use diopter_light::names::in_words;
 use diopter_light::spectrum::Table;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -162,8 +163,8 @@ impl Checks<'_> {
 impl Sensor {
     /// Reads a data sheet; `place` names it in errors. Fails on what is no such sheet and on numbers out of their ranges.
     pub fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
-        let s: Sheet = toml::from_str(text)
-            .map_err(|e| SensorError::Parse { place: place.into(), reason: e.to_string().trim_end().to_owned() })?;
+        let s: Sheet =
+            toml::from_str(text).map_err(|e| SensorError::Parse { place: place.into(), reason: in_words(&e.to_string()) })?;
         let check = Checks { place };
         for v in s.format_mm {
             check.that(

@@ -603,8 +603,15 @@ fn errors_are_told_to_machines_and_the_last_flag_wins() {
         json["error"].clone()
     };
     let e = told(&["shoot", "shot.toml", "--json"]);
-    assert_eq!((e["exit_code"].as_i64(), e["place"].as_str()), (Some(2), Some("shot.toml")), "{e}");
+    assert_eq!((e["exit_code"].as_i64(), e["place"].as_str()), (Some(2), Some("shot.toml:2")), "{e}");
+    assert_eq!(
+        (e["found"].as_str(), e["hint"].as_str()),
+        (Some("unknown field `aperature`"), Some("did you mean `aperture`?")),
+        "{e}"
+    );
     assert!(e["message"].as_str().unwrap().contains("aperature") && e["message"].as_str().unwrap().contains("line 2"), "{e}");
+    let e = told(&["measure", "mtf", "none.png", "--json"]);
+    assert_eq!((e["place"].as_str(), e["found"].as_str()), (Some("none.png"), Some("there is no such file")), "{e}");
     let e = told(&["shoot", "--json", "--lens", "panorame"]);
     assert_eq!((e["place"].as_str(), e["found"].as_str()), (Some("lens"), Some("\"panorame\"")), "{e}");
     assert!(e["expected"].as_str().unwrap().contains("panorama"), "{e}");

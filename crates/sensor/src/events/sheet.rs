@@ -1,6 +1,7 @@
 //! Data sheets of event sensors as TOML: read, checked, turned into an [`EventSensor`].
 
 use crate::{Sensor, SensorError, nearest};
+use diopter_light::names::in_words;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -133,8 +134,8 @@ impl EventSensor {
 
     /// Reads a data sheet; `place` names it in errors. Fails on what is no such sheet and on numbers out of their ranges.
     pub fn parse(text: &str, place: &str) -> Result<EventSensor, SensorError> {
-        let s: Sheet = toml::from_str(text)
-            .map_err(|e| SensorError::Parse { place: place.into(), reason: e.to_string().trim_end().to_owned() })?;
+        let s: Sheet =
+            toml::from_str(text).map_err(|e| SensorError::Parse { place: place.into(), reason: in_words(&e.to_string()) })?;
         let range = |what: &str, found: f64, expected: &str| {
             Err(SensorError::Range { what: format!("{place}: {what}"), found: found.to_string(), expected: expected.into() })
         };
