@@ -31,12 +31,23 @@ use glam::{DVec2, Vec3};
 /// The iris that a shot asks for instead of the lens's own.
 pub(super) fn iris(c: &CameraSection) -> Result<Option<Iris>, ShotError> {
     if let Some(path) = &c.aperture_image {
+        if let Some(blades) = c.blades {
+            return Err(value("blades", blades, "either blades or a picture of the aperture (aperture_image), not both"));
+        }
         let told = |reason: String| ShotError::Read { path: path.display().to_string(), reason };
         let picture = read_codes(&read_file(path)?).map_err(told)?;
         let luminance = RgbSpace::Srgb.luminance_weights();
         let values =
             picture.data.as_chunks::<3>().0.iter().map(|p| (0..3).map(|c| luminance[c] * p[c]).sum::<f32>().min(1.0)).collect();
         return Ok(Some(Iris::image(picture.width, picture.height, values)?));
+    }
+    let beside = |what: &'static str, found: f32| {
+        value(what, found, "the number of blades beside it (--blades 7): those of the lens stay as they are")
+    };
+    match (c.blades, c.blade_curvature, c.blade_rotation_deg) {
+        (None, Some(found), _) => return Err(beside("blade_curvature", found)),
+        (None, None, Some(found)) => return Err(beside("blade_rotation_deg", found)),
+        _ => (),
     }
     let rotation = c.blade_rotation_deg.unwrap_or(0.0).to_radians();
     c.blades.map(|count| Ok(Iris::blades(count, rotation, c.blade_curvature.unwrap_or(0.0))?)).transpose()
