@@ -28,6 +28,12 @@ pub fn run(args: &Develop, json: bool) -> anyhow::Result<()> {
     if args.settings {
         return settings(&recipe, json);
     }
+    if let Some(bits) = args.bits
+        && !args.output.is_empty()
+        && !args.output.iter().any(|path| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")))
+    {
+        return Err(UsageError(anyhow!("bits {bits}: expected a .png to write; JPEG has 8 a channel, TIFF 16")).into());
+    }
     let format = Format {
         quality: args.quality,
         gain_map: args.gain_map,
