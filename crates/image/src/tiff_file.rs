@@ -2,7 +2,7 @@
 
 use crate::picture::{in_bands, rows_16_bit};
 use crate::streams::WriteSeek;
-use crate::tags::write_fields;
+use crate::tags::{Field, write_fields};
 use crate::{ImageError, PictureSource, exif, icc};
 use std::io::{Seek, Write};
 use tiff::encoder::{TiffEncoder, colortype::RGB16};
@@ -28,7 +28,10 @@ fn write_to(picture: &dyn PictureSource, to: &mut dyn WriteSeek) -> Result<(), I
     let exif_place = match picture.facts() {
         Some(facts) => {
             let mut directory = file.extra_directory().map_err(io)?;
-            write_fields(&mut directory, &exif::exif_fields(facts))?;
+            let mut fields = exif::exif_fields(facts);
+            fields.push((40960, Field::Undefined(b"0100".to_vec())));
+            fields.push((40961, Field::short(exif::color_space(picture.space(), picture.encoding()))));
+            write_fields(&mut directory, &fields)?;
             Some(directory.finish_with_offsets().map_err(io)?.pointer.0 as u32)
         }
         None => None,
@@ -73,9 +76,9 @@ mod tests {
         assert_eq!(decoder.dimensions().unwrap(), (3, 2));
         let place = decoder.get_tag_u32(Tag::from_u16_exhaustive(exif::EXIF_DIRECTORY)).unwrap();
         let directory = decoder.read_directory(tiff::tags::IfdPointer(place.into())).unwrap();
-        // Exposure time, f-number, ISO speed, date left out.
-        let held = [33434, 33437, 34855, 36867].map(|tag| directory.contains(Tag::from_u16_exhaustive(tag)));
-        assert_eq!(held, [true, true, true, false]);
+        // Exposure time, f-number, ISO speed, colour space; no date.
+        let held = [33434, 33437, 34855, 40961, 36867].map(|tag| directory.contains(Tag::from_u16_exhaustive(tag)));
+        assert_eq!(held, [true, true, true, true, false]);
         // Without facts there is none.
         picture.facts = None;
         assert_eq!(file(&picture).find_tag(Tag::from_u16_exhaustive(exif::EXIF_DIRECTORY)).unwrap(), None);
