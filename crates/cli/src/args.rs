@@ -25,7 +25,7 @@ use diopter::denoising::Denoise;
 use diopter::files;
 use diopter::quantity::{Distance, FNumber, LengthMm, Seconds, Size};
 use diopter::shot::ShotFile;
-use diopter::shot::flag_values::pair;
+use diopter::shot::flag_values::{degrees_f32, pair};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use values::{items, threads};
@@ -184,7 +184,7 @@ pub struct QuickLook {
     #[arg(long, value_name = "X")]
     pub blade_curvature: Option<f32>,
     /// Turn the iris, degrees.
-    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG", value_parser = degrees_f32, allow_negative_numbers = true)]
     pub blade_rotation: Option<f32>,
     /// File to write: of a focal plane, another (.exr); of another picture .exr (linear light).
     #[arg(short, long, value_name = "FILE")]

@@ -4,10 +4,13 @@
 //! used are left out of `-h`; `--help` and the manual pages show every flag.
 
 use crate::args::Args;
-use clap::error::{ContextKind, ContextValue};
+use clap::builder::{StringValueParser, TypedValueParser};
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Arg, Command, CommandFactory, FromArgMatches};
 use std::collections::HashSet;
-use std::ffi::OsString;
+use std::error::Error as _;
+use std::ffi::{OsStr, OsString};
+use std::num::{IntErrorKind, ParseFloatError, ParseIntError, TryFromIntError};
 
 /// Verbs with so many flags that they need headings.
 const GROUPED: [&str; 3] = ["shoot", "expose", "events"];
@@ -109,8 +112,87 @@ fn joined_negatives(typed: &[OsString], command: &Command) -> Vec<OsString> {
 pub fn parse(typed: &[OsString]) -> Result<Args, clap::Error> {
     let mut command = command();
     let typed = joined_negatives(typed, &command);
-    let mut matches = command.try_get_matches_from_mut(typed)?;
+    let mut matches = match command.try_get_matches_from_mut(typed) {
+        Ok(matches) => matches,
+        Err(e) => return Err(number_error(e, &mut command)),
+    };
     Args::from_arg_matches_mut(&mut matches).map_err(|e| e.format(&mut command))
+}
+
+/// What a number is, by the name of its value in the help, with an example.
+const NUMBERS: [(&str, &str); 17] = [
+    ("DEG", "an angle in degrees such as 30"),
+    ("DEG/S", "an angular velocity in degrees a second such as 0.6"),
+    ("EV", "a number of stops such as -0.5"),
+    ("NM", "a wavelength in nm such as 550"),
+    ("UM", "a length in µm such as 4.5"),
+    ("M/S", "a speed in m/s such as 1.4"),
+    ("C", "a temperature in °C such as 20"),
+    ("GN", "a guide number such as 40"),
+    ("HZ", "a frequency in Hz such as 100"),
+    ("PX", "a number of pixels such as 16"),
+    ("PIXELS", "a number of pixels such as 2"),
+    ("ALBEDO", "an albedo from 0 to 1 such as 0.2"),
+    ("FRACTION", "a fraction from 0 to 1 such as 0.04"),
+    ("FACTOR", "a factor such as 0.001"),
+    ("RATIO", "a ratio such as 16"),
+    ("M", "a magnification such as -0.5"),
+    ("T", "a turbidity such as 3"),
+];
+
+/// An error of a number that clap read by itself, in words that say what was expected (the standard library says "invalid float literal").
+/// Other errors stay as they are.
+fn number_error(e: clap::Error, command: &mut Command) -> clap::Error {
+    let text = |kind| match e.get(kind) {
+        Some(ContextValue::String(text)) => Some(text.clone()),
+        _ => None,
+    };
+    let known =
+        (e.kind() == ErrorKind::ValueValidation).then(|| text(ContextKind::InvalidArg).zip(text(ContextKind::InvalidValue)));
+    let Some((name, found)) = known.flatten() else { return e };
+    command.build();
+    let Some(arg) = argument(command, &name) else { return e };
+    let Some(expected) = e.source().and_then(|source| expected_number(source, arg, &found)) else { return e };
+    // A parser that refuses everything makes an error of the same form.
+    let message = format!("\"{found}\" is not {expected}");
+    let refuse = StringValueParser::new().try_map(move |_: String| Err::<String, String>(message.clone()));
+    refuse.parse_ref(command, Some(arg), OsStr::new(&found)).err().unwrap_or(e)
+}
+
+/// An argument of a command or of those below it, by how errors name it: "--turbidity <T>".
+fn argument<'a>(command: &'a Command, name: &str) -> Option<&'a Arg> {
+    let own = command.get_arguments().find(|a| a.to_string() == name);
+    own.or_else(|| command.get_subcommands().find_map(|c| argument(c, name)))
+}
+
+/// What was expected where a number could not be read, with an example; `None` of other errors.
+fn expected_number(source: &(dyn std::error::Error + 'static), arg: &Arg, found: &str) -> Option<String> {
+    let name = arg.get_value_names().and_then(|names| names.first()).map_or("", |name| name.as_str());
+    let known = NUMBERS.iter().find(|n| n.0 == name).map(|n| n.1);
+    if source.is::<ParseFloatError>() {
+        return Some(known.unwrap_or("a number such as 0.5").to_owned());
+    }
+    let default = arg.get_default_values().first().and_then(|v| v.to_str()).unwrap_or("4");
+    if let Some(e) = source.downcast_ref::<ParseIntError>() {
+        return Some(match e.kind() {
+            IntErrorKind::Zero => format!("a whole number of 1 or more, such as {default}"),
+            IntErrorKind::PosOverflow | IntErrorKind::NegOverflow => format!("a number within the range, such as {default}"),
+            _ => format!("a whole number, 0 or more, such as {default}"),
+        });
+    }
+    if source.is::<TryFromIntError>() {
+        return Some(format!("a number within the range, such as {default}"));
+    }
+    // "0 is not in 1..=100", or without an end "0 is not in 1..18446744073709551615".
+    let text = source.to_string();
+    let (first, last) = text.split_once(" is not in ")?.1.split_once("..")?;
+    Some(match last.strip_prefix('=') {
+        Some(last) if !(found.starts_with('-') && last == u32::MAX.to_string()) => {
+            format!("a whole number from {first} to {last}")
+        }
+        // No bound that anybody has thought of.
+        _ => format!("a whole number of {first} or more"),
+    })
 }
 
 /// Whether results are wanted for machines; asked before the arguments are known to be good.
@@ -165,6 +247,73 @@ mod tests {
         assert_eq!((&time["found"], &time["exit_code"]), (&serde_json::json!("fast"), &serde_json::json!(2)));
         assert!(time["expected"].as_str().unwrap().starts_with("a time such as"), "{time}");
         assert!(error("diopter shoot --apperture f/2")["hint"].as_str().unwrap().contains("aperture"));
+    }
+
+    #[test]
+    fn no_value_is_refused_in_the_words_of_the_standard_library() {
+        fn all<'a>(command: &'a Command, path: &str, to: &mut Vec<(String, &'a Arg)>) {
+            to.extend(
+                command
+                    .get_arguments()
+                    .filter(|a| a.get_long().is_some() && a.get_action().takes_values())
+                    .map(|a| (path.to_owned(), a)),
+            );
+            command.get_subcommands().for_each(|c| all(c, &format!("{path} {}", c.get_name()), to));
+        }
+        let mut command = command();
+        command.build();
+        let mut flags = vec![];
+        all(&command, "diopter", &mut flags);
+        let mut numbers = 0;
+        // The same flag of several verbs is read by the same parser.
+        let mut seen = HashSet::new();
+        flags.retain(|(_, arg)| seen.insert((arg.get_long(), arg.get_value_names())));
+        for (path, arg) in flags {
+            for value in ["abc", "0", "-1", "1.5", "99999999999999999999999"] {
+                let flag = format!("--{}={value}", arg.get_long().unwrap());
+                let mut typed: Vec<OsString> = words(&path);
+                typed.push(flag.clone().into());
+                let Err(e) = parse(&typed) else { continue };
+                if e.kind() != ErrorKind::ValueValidation {
+                    continue;
+                }
+                let said = e.source().map(ToString::to_string).unwrap_or_default();
+                numbers += 1;
+                for foreign in
+                    ["invalid float", "invalid digit", "non-zero type", "too large to fit", "out of range integral", "is not in "]
+                {
+                    assert!(!said.contains(foreign), "{path} {flag}: {said}");
+                }
+            }
+        }
+        assert!(numbers > 200, "{numbers}");
+    }
+
+    #[test]
+    fn numbers_are_refused_with_what_was_expected_and_an_example() {
+        for (line, expected) in [
+            ("diopter shoot --turbidity thick", "\"thick\" is not a turbidity such as 3"),
+            ("diopter shoot --frames x", "\"x\" is not a whole number, 0 or more, such as 4"),
+            ("diopter read-out a.exr -o a.dng --shots 0", "\"0\" is not a whole number of 1 or more, such as 1"),
+            ("diopter develop a.dng -o a.jpg --quality 0", "\"0\" is not a whole number from 1 to 100"),
+            ("diopter dataset job a.toml -o a.yaml --items-per-task 0", "\"0\" is not a whole number of 1 or more"),
+            ("diopter calc thin-lens --object 1m --magnification half", "\"half\" is not a magnification such as -0.5"),
+            ("diopter shoot --shutter-angle half", "\"half\" is not an angle such as 90deg"),
+        ] {
+            let e = parse(&words(line)).unwrap_err();
+            assert!(e.to_string().contains(expected), "{line}: {e}");
+            let json = as_json(&e);
+            let error = &json["error"];
+            assert!(error["expected"].as_str().is_some_and(|v| expected.ends_with(v)), "{error}");
+            assert!(error["place"].as_str().unwrap().starts_with("--"), "{error}");
+        }
+        // Angles, stops and wavelengths may carry their unit.
+        let typed = "diopter shoot --shutter-angle 180deg --blade-rotation 15° --environment-rotation=-90deg --exposure-ev +1/3 --ambient-ev 12EV";
+        let Verb::Shoot(shoot) = parse(&words(typed)).unwrap().verb else { panic!("shoot") };
+        let said = &shoot.taking.said;
+        assert_eq!(shoot.sequence.shutter_angle_deg, Some(180.0));
+        assert_eq!((said.camera.blade_rotation_deg, said.scene.environment_rotation_deg), (Some(15.0), Some(-90.0)));
+        assert_eq!(said.scene.ambient_ev, Some(12.0));
     }
 
     #[test]

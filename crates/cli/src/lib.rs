@@ -27,7 +27,8 @@ mod watch;
 
 use args::{Args, Verb};
 use diopter::files;
-use diopter::shot::ShotError;
+use diopter::measure::MeasureError;
+use diopter::shot::{ErrorParts, ShotError};
 use std::ffi::OsString;
 
 /// A failure whose cause is the request itself: exit code 2.
@@ -90,7 +91,13 @@ fn told(e: &anyhow::Error) -> String {
 /// An error for machines: `{"error": {"message", "place", "found", "expected", "hint", "exit_code"}}`; what is not known apart is null.
 fn error_json(e: &anyhow::Error, code: u8) -> serde_json::Value {
     let message = told(e);
-    let parts = e.downcast_ref::<ShotError>().map(ShotError::parts).unwrap_or_default();
+    let parts = match (e.downcast_ref::<ShotError>(), e.downcast_ref::<MeasureError>()) {
+        (Some(e), _) => e.parts(),
+        (None, Some(MeasureError::Read { path, reason })) => {
+            ErrorParts { place: Some(path.clone()), found: Some(reason.clone()), ..Default::default() }
+        }
+        _ => ErrorParts::default(),
+    };
     let [place, found, expected] = match parts_of(&message) {
         [None, None, None] => context_of(e),
         known => known,

@@ -17,6 +17,7 @@ pub use crate::steps::row_noise::RowNoise;
 pub use crate::steps::sharpen::Sharpen;
 pub use crate::steps::tone::{Curve, Tone};
 pub use crate::steps::white_balance::White;
+use diopter_light::names::in_words;
 use serde::{Deserialize, Serialize};
 use std::sync::LazyLock;
 
@@ -102,7 +103,7 @@ impl Recipe {
                 Some(span) => format!("line {}", text[..span.start.min(text.len())].matches('\n').count() + 1),
                 None => "recipe".into(),
             },
-            found: e.message().to_owned(),
+            found: in_words(e.message()),
             expected: "a recipe such as `diopter develop --settings` describes".into(),
         })?;
         recipe.check()?;

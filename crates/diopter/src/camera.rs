@@ -157,7 +157,13 @@ pub enum PlacementError {
     /// Not a number.
     #[error("look-from, look-at and up must be finite numbers; found {0}")]
     NotFinite(Vec3),
+    /// Too far away for single precision.
+    #[error("look-from or look-at is {0:e} m away: expected up to {MOST_DISTANT_M:e} m")]
+    TooFar(f32),
 }
+
+/// Farthest coordinate of a camera or of what it is aimed at, m: squares of longer distances are beyond single precision.
+const MOST_DISTANT_M: f32 = 1e18;
 
 /// Unit direction from a thing to a camera that takes it in a three-quarter view: 30° to the right of its front (+Z), 17.5° from above.
 pub fn three_quarter_direction() -> Vec3 {
@@ -172,10 +178,13 @@ pub fn three_quarter_view(radius: f32, half_angle: f32) -> Vec3 {
 }
 
 /// Places a camera at `from`, looking at `at` (both m, in the world), with `up` upwards in the picture: world from camera, axes x right, y up, z backward.
-/// Fails on coordinates that are not finite, where `at` is `from`, and where `up` is 0 or along the view.
+/// Fails on coordinates that are not finite or beyond 1e18 m, where `at` is `from`, and where `up` is 0 or along the view.
 pub fn look_at(from: Vec3, at: Vec3, up: Vec3) -> Result<Affine3A, PlacementError> {
     if let Some(bad) = [from, at, up].into_iter().find(|v| !v.is_finite()) {
         return Err(PlacementError::NotFinite(bad));
+    }
+    if let Some(far) = [from, at].map(|v| v.abs().max_element()).into_iter().find(|far| *far > MOST_DISTANT_M) {
+        return Err(PlacementError::TooFar(far));
     }
     let view = (at - from).try_normalize().ok_or(PlacementError::NoDirection(from))?;
     let degenerate = || {
@@ -203,6 +212,10 @@ mod tests {
         let m = look_at(Vec3::ZERO, Vec3::X, Vec3::Y).unwrap();
         assert!((m.transform_vector3(Vec3::NEG_Z) - Vec3::X).length() < 1e-6);
         assert!((m.transform_vector3(Vec3::X) - Vec3::Z).length() < 1e-6);
+        // What is too far away is not said to be one point.
+        let far = look_at(Vec3::new(0.0, 1e30, 0.0), Vec3::ZERO, Vec3::X).unwrap_err();
+        assert!(far.to_string().contains("1e30 m away"), "{far}");
+        assert_eq!(look_at(Vec3::X, Vec3::X, Vec3::Y), Err(PlacementError::NoDirection(Vec3::X)));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Lessons: two lines of text and the commands that make the figures and tables of a subject.
 
 use crate::shot::error::ShotError;
+use diopter_light::names::in_words;
 use serde::Deserialize;
 
 /// A lesson as it is written (TOML).
@@ -59,7 +60,7 @@ pub struct Table {
 impl Lesson {
     /// Reads a lesson; `name` is for messages. Fails on what is no TOML, and on keys that are missing or not known.
     pub fn parse(text: &str, name: &str) -> Result<Lesson, ShotError> {
-        toml::from_str(text).map_err(|e| ShotError::Syntax { path: name.into(), reason: e.to_string().trim_end().to_owned() })
+        toml::from_str(text).map_err(|e| ShotError::Syntax { path: name.into(), reason: in_words(&e.to_string()) })
     }
 }
 

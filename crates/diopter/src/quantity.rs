@@ -5,6 +5,7 @@
 use serde::de::{self, Deserialize, Deserializer, Visitor};
 use serde::{Serialize, Serializer};
 use std::fmt;
+use std::marker::PhantomData;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
@@ -108,6 +109,22 @@ impl<T: FromStr<Err = QuantityError>> Visitor<'_> for TextOrNumber<T> {
     }
 }
 
+/// Reads a quantity that is only ever written as text.
+struct Text<T> {
+    expected: &'static str,
+    of: PhantomData<T>,
+}
+
+impl<T: FromStr<Err = QuantityError>> Visitor<'_> for Text<T> {
+    type Value = T;
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(self.expected)
+    }
+    fn visit_str<E: de::Error>(self, v: &str) -> Result<T, E> {
+        v.parse().map_err(E::custom)
+    }
+}
+
 quantity!(
     /// A length on the camera, mm.
     LengthMm, "a length such as \"50 mm\"",
@@ -146,7 +163,12 @@ quantity!(
     /// A time, s.
     Seconds, "a time such as \"1/125 s\" or \"8 ms\"",
     |text| with_unit(text, &[("ms", 1e-3), ("µs", 1e-6), ("us", 1e-6), ("min", 60.0), ("s", 1.0)], 1.0),
-    |v| if v > 0.0 && v < 0.3 && (1.0 / v - (1.0 / v).round()).abs() < 1e-12 / v { format!("1/{} s", (1.0 / v).round()) } else { format!("{v} s") }
+    |v| {
+        let is_reciprocal = v > 0.0 && (1.0 / v - (1.0 / v).round()).abs() < 1e-12 / v;
+        let decimal = format!("{v} s");
+        // Half a second stays 0.5 s; a third would have sixteen digits.
+        if is_reciprocal && (v < 0.3 || decimal.len() > 8) { format!("1/{} s", (1.0 / v).round()) } else { decimal }
+    }
 );
 quantity!(
     /// An ISO speed.
@@ -384,7 +406,8 @@ impl fmt::Display for Size {
 
 impl<'de> Deserialize<'de> for Size {
     fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        String::deserialize(d)?.parse().map_err(de::Error::custom)
+        // Two numbers in a list are a mistake that deserves an example.
+        d.deserialize_any(Text::<Size> { expected: "a size such as \"1920x1280\"", of: PhantomData })
     }
 }
 
@@ -465,6 +488,9 @@ mod tests {
         assert_eq!("f/2.8".parse::<FNumber>().unwrap().0, 2.8);
         assert_eq!("2.8".parse::<FNumber>().unwrap().0, 2.8);
         assert_eq!("1/125 s".parse::<Seconds>().unwrap().0, 0.008);
+        for text in ["1/125 s", "1/3 s", "0.5 s", "1.5 s", "30 s"] {
+            assert_eq!(text.parse::<Seconds>().unwrap().to_string(), text);
+        }
         assert_eq!("8ms".parse::<Seconds>().unwrap().0, 0.008);
         assert_eq!("ISO 400".parse::<Iso>().unwrap().0, 400.0);
         assert_eq!("2.5m".parse::<Distance>().unwrap().0, 2.5);

@@ -5,6 +5,7 @@
 use crate::files;
 use crate::lesson::words;
 use crate::shot::{ShotError, ShotFile, value};
+use diopter_light::names::in_words;
 use serde::Deserialize;
 use std::path::Path;
 use std::str::FromStr;
@@ -184,7 +185,7 @@ impl SheetFile {
     pub fn read(path: &Path) -> Result<SheetFile, ShotError> {
         let place = path.display().to_string();
         let text = files::read_text(path).map_err(|e| ShotError::Read { path: place.clone(), reason: e.to_string() })?;
-        toml::from_str(&text).map_err(|e| ShotError::Syntax { path: place, reason: e.to_string().trim_end().to_owned() })
+        toml::from_str(&text).map_err(|e| ShotError::Syntax { path: place, reason: in_words(&e.to_string()) })
     }
 
     /// Fails where a table is not one of `calc`, or would write a file.

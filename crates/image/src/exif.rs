@@ -3,7 +3,8 @@
 //! Source: CIPA DC-008-2019 (EXIF 2.32). APEX values: Av = 2 log2 N, Tv = −log2 t, Bv = EV100 − 5.
 
 use crate::tags::{Field, write_fields, written};
-use crate::{ExposureFacts, ImageError};
+use crate::{Encoding, ExposureFacts, ImageError};
+use diopter_light::color::RgbSpace;
 use std::io::Cursor;
 use tiff::encoder::TiffEncoder;
 
@@ -138,13 +139,17 @@ pub enum Holder {
     Png,
 }
 
-/// The block that picture files hold: a TIFF of two directories. Fails where the encoder of the `tiff` crate does.
-pub fn block(facts: &ExposureFacts, holder: Holder) -> Result<Vec<u8>, ImageError> {
+/// What the tag ColorSpace (40961) says of a picture: 1 sRGB, 65535 another ("uncalibrated"), which the profile beside it tells.
+pub fn color_space(space: RgbSpace, encoding: Encoding) -> u16 {
+    if space == RgbSpace::Srgb && encoding == Encoding::Srgb { 1 } else { 65_535 }
+}
+
+/// The block that picture files hold, of colours in `color_space` ([`color_space`]): a TIFF of two directories. Fails where the encoder of the `tiff` crate does.
+pub fn block(facts: &ExposureFacts, holder: Holder, color_space: u16) -> Result<Vec<u8>, ImageError> {
     let mut bytes = Cursor::new(Vec::new());
     let mut tiff = TiffEncoder::new(&mut bytes).map_err(written)?;
     let mut fields = exif_fields(facts);
-    // sRGB.
-    fields.push((40961, Field::short(1)));
+    fields.push((40961, Field::short(color_space)));
     if let Holder::Jpeg { width, height } = holder {
         fields.extend([
             (37121, Field::Undefined(vec![1, 2, 3, 0])),
@@ -195,7 +200,8 @@ mod tests {
             focal_length_35mm_mm: 80.6,
             ..Default::default()
         };
-        let bytes = block(&facts, Holder::Jpeg { width: 7, height: 5 }).unwrap();
+        let bytes =
+            block(&facts, Holder::Jpeg { width: 7, height: 5 }, color_space(RgbSpace::DisplayP3, Encoding::Srgb)).unwrap();
         let main = directory(&bytes, u32::from_ne_bytes(bytes[4..8].try_into().unwrap()));
         assert!(main.windows(2).all(|w| w[0].0 < w[1].0), "tags rise");
         let find = |d: &[(u16, u16, u32, u32)], tag: u16| *d.iter().find(|f| f.0 == tag).unwrap_or_else(|| panic!("{tag}"));
@@ -212,6 +218,9 @@ mod tests {
         // The old tag holds 65535 at most. A short value stands in the first bytes.
         let short = |tag: u16| u16::from_ne_bytes(find(&exif, tag).3.to_ne_bytes()[..2].try_into().unwrap());
         assert_eq!([short(34855), short(41989)], [65_535, 81]);
+        // Display P3 is not sRGB, and nor are sRGB's primaries at another gamma.
+        assert_eq!([short(40961), color_space(RgbSpace::Srgb, Encoding::Gamma22)], [65_535; 2]);
+        assert_eq!(color_space(RgbSpace::Srgb, Encoding::Srgb), 1);
         assert_eq!([find(&exif, 34867).3, find(&exif, 40962).3], [102_400, 7]);
     }
 }

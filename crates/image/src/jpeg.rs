@@ -90,7 +90,11 @@ fn header(picture: &dyn PictureSource, of_band: &[u8], segments: Vec<Segment>, i
     };
     let facts = picture.facts();
     if let Some(facts) = facts {
-        let block = exif::block(facts, exif::Holder::Jpeg { width: width as u32, height: height as u32 })?;
+        let block = exif::block(
+            facts,
+            exif::Holder::Jpeg { width: width as u32, height: height as u32 },
+            exif::color_space(picture.space(), picture.encoding()),
+        )?;
         put(0xe1, &[b"Exif\0\0".as_slice(), &block].concat())?;
     }
     for (app, bytes) in &segments {

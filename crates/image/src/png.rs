@@ -31,7 +31,8 @@ fn write_to(picture: &dyn PictureSource, depth: Depth, to: &mut dyn Write) -> Re
         return Err(ImageError::Size { format: "PNG", width, height, limit });
     }
     let mut info = png::Info::with_size(width as u32, height as u32);
-    info.exif_metadata = picture.facts().map(|f| exif::block(f, exif::Holder::Png)).transpose()?.map(Into::into);
+    let colors = exif::color_space(picture.space(), picture.encoding());
+    info.exif_metadata = picture.facts().map(|f| exif::block(f, exif::Holder::Png, colors)).transpose()?.map(Into::into);
     let (space, encoding) = (picture.space(), picture.encoding());
     let plain = space == RgbSpace::Srgb && encoding == Encoding::Srgb;
     if !plain {

@@ -1,7 +1,8 @@
-//! TIFF, 16 bits a channel, uncompressed, with an ICC profile. Source: TIFF 6.0; ICC.1:2022 annex B.4.
+//! TIFF, 16 bits a channel, uncompressed, with an ICC profile and EXIF. Source: TIFF 6.0; ICC.1:2022 annex B.4; CIPA DC-008-2019.
 
 use crate::picture::{in_bands, rows_16_bit};
 use crate::streams::WriteSeek;
+use crate::tags::{Field, write_fields};
 use crate::{ImageError, PictureSource, exif, icc};
 use std::io::{Seek, Write};
 use tiff::encoder::{TiffEncoder, colortype::RGB16};
@@ -23,6 +24,18 @@ fn write_to(picture: &dyn PictureSource, to: &mut dyn WriteSeek) -> Result<(), I
         return Err(ImageError::Size { format: "TIFF", width, height, limit });
     }
     let mut file = TiffEncoder::new(to).map_err(io)?;
+    // EXIF has a directory of its own, which that of the picture points to.
+    let exif_place = match picture.facts() {
+        Some(facts) => {
+            let mut directory = file.extra_directory().map_err(io)?;
+            let mut fields = exif::exif_fields(facts);
+            fields.push((40960, Field::Undefined(b"0100".to_vec())));
+            fields.push((40961, Field::short(exif::color_space(picture.space(), picture.encoding()))));
+            write_fields(&mut directory, &fields)?;
+            Some(directory.finish_with_offsets().map_err(io)?.pointer.0 as u32)
+        }
+        None => None,
+    };
     let mut image = file.new_image::<RGB16>(width as u32, height as u32).map_err(io)?;
     let profile = icc::profile(picture.space(), picture.encoding())?;
     image.encoder().write_tag(Tag::IccProfile, profile.as_slice()).map_err(io)?;
@@ -31,8 +44,43 @@ fn write_to(picture: &dyn PictureSource, to: &mut dyn WriteSeek) -> Result<(), I
             image.encoder().write_tag(Tag::from_u16_exhaustive(tag), text.as_str()).map_err(io)?;
         }
     }
+    if let Some(place) = exif_place {
+        image.encoder().write_tag(Tag::from_u16_exhaustive(exif::EXIF_DIRECTORY), place).map_err(io)?;
+    }
     image.rows_per_strip(picture.rows_at_once().min(height) as u32).map_err(io)?;
     let band = picture.rows_at_once().min(height);
     in_bands(height, band, |first, count| Ok(rows_16_bit(picture, first, count)), |rows| image.write_strip(&rows).map_err(io))?;
     image.finish().map_err(io)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Encoding, ExposureFacts, Picture, Raster};
+    use diopter_light::color::RgbSpace;
+    use std::io::Cursor;
+    use tiff::decoder::Decoder;
+
+    #[test]
+    fn a_file_says_how_it_was_taken() {
+        let facts =
+            ExposureFacts { f_number: 2.8, exposure_s: 1.0 / 60.0, iso: 400.0, scene: "still-life".into(), ..Default::default() };
+        let mut picture =
+            Picture { pixels: Raster::new(3, 2, 3), space: RgbSpace::Srgb, encoding: Encoding::Srgb, facts: Some(facts) };
+        let file = |picture: &Picture| {
+            let mut file = Cursor::new(Vec::new());
+            write(picture, &mut file).unwrap();
+            Decoder::new(Cursor::new(file.into_inner())).unwrap()
+        };
+        let mut decoder = file(&picture);
+        assert_eq!(decoder.dimensions().unwrap(), (3, 2));
+        let place = decoder.get_tag_u32(Tag::from_u16_exhaustive(exif::EXIF_DIRECTORY)).unwrap();
+        let directory = decoder.read_directory(tiff::tags::IfdPointer(place.into())).unwrap();
+        // Exposure time, f-number, ISO speed, colour space; no date.
+        let held = [33434, 33437, 34855, 40961, 36867].map(|tag| directory.contains(Tag::from_u16_exhaustive(tag)));
+        assert_eq!(held, [true, true, true, true, false]);
+        // Without facts there is none.
+        picture.facts = None;
+        assert_eq!(file(&picture).find_tag(Tag::from_u16_exhaustive(exif::EXIF_DIRECTORY)).unwrap(), None);
+    }
 }

@@ -4,9 +4,10 @@ mod responses;
 
 use self::responses::{Curve, Response, relative_responses, through};
 use crate::sensor::{BodyLens, DarkCurrent, HotPixels, IsoStep, Plenoptic, SecondReading, saturation_capacity};
-use crate::{Sensor, SensorError, nearest};
+use crate::{Sensor, SensorError};
 use diopter_image::Cfa;
 use diopter_light::lattice::Arrangement;
+use diopter_light::names::in_words;
 use diopter_light::spectrum::Table;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -152,14 +153,7 @@ pub(crate) fn read_table<T: serde::de::DeserializeOwned>(text: &str, place: &str
                 found: "missing".into(),
                 expected: format!("a line {key} = ..."),
             },
-            None => {
-                // "unknown field `x`, expected one of `a`, `b`".
-                let mut names = e.message().split('`').skip(1).step_by(2);
-                let unknown = names.next().filter(|_| e.message().starts_with("unknown field"));
-                let near = unknown.and_then(|name| nearest(name, names));
-                let hint = near.map_or(String::new(), |near| format!(" (did you mean `{near}`?)"));
-                SensorError::Parse { place: place.into(), reason: format!("{}{hint}", e.to_string().trim_end()) }
-            }
+            None => SensorError::Parse { place: place.into(), reason: in_words(&e.to_string()) },
         }
     })
 }

@@ -2,7 +2,7 @@
 
 use clap::Subcommand;
 use diopter::quantity::{Distance, FNumber, Iso, IsoChoice, LengthMm, Moment, Seconds};
-use diopter::shot::flag_values::pair;
+use diopter::shot::flag_values::{pair, wavelength};
 use std::path::PathBuf;
 
 /// Calculators.
@@ -21,7 +21,7 @@ pub struct DaylightArgs {
     #[arg(long, value_name = "T")]
     pub turbidity: Option<f64>,
     /// The 24 hours from the moment on.
-    #[arg(long, requires = "time")]
+    #[arg(long)]
     pub hours: bool,
 }
 
@@ -140,7 +140,7 @@ pub struct PinholeArgs {
     #[arg(long, value_name = "DISTANCE", default_value = "inf")]
     pub object: Distance,
     /// Wavelength, nm.
-    #[arg(long, value_name = "NM", default_value_t = 550.0)]
+    #[arg(long, value_name = "NM", default_value = "550", value_parser = wavelength, allow_negative_numbers = true)]
     pub wavelength: f64,
     /// Plot of the resolution over the diameter to write: .svg or .png; may be given several times.
     #[arg(short, long, value_name = "FILE")]

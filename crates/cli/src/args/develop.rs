@@ -5,6 +5,7 @@ use super::{Raw, TruthLayout};
 use crate::effect::Typed;
 use clap::Subcommand;
 use diopter::quantity::{FNumber, Iso, Seconds};
+use diopter::shot::flag_values::stops;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
@@ -151,7 +152,7 @@ pub struct Developing {
     #[arg(long, value_name = "NAME=VALUE")]
     pub set: Vec<String>,
     /// Brighten by stops.
-    #[arg(long, value_name = "EV", allow_negative_numbers = true)]
+    #[arg(long, value_name = "EV", value_parser = stops, allow_negative_numbers = true)]
     pub exposure_ev: Option<f32>,
     /// Tone curve: aces-fit, agx, neutral, reinhard, linear ...
     #[arg(long, value_name = "NAME")]

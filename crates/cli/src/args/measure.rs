@@ -4,7 +4,7 @@ use super::values::{corners, list, rectangle};
 use super::{Developing, List};
 use clap::Subcommand;
 use diopter::quantity::{FNumber, Iso, LengthMm, Seconds, Size};
-use diopter::shot::flag_values::{pair, samples_a_pixel};
+use diopter::shot::flag_values::{celsius, pair, samples_a_pixel, wavelength};
 use std::path::PathBuf;
 
 #[derive(Subcommand, Debug)]
@@ -339,13 +339,13 @@ pub struct Emva {
     #[arg(long, value_name = "NAME")]
     pub channel: Option<String>,
     /// Wavelength of the light, nm; where the channel sees most, without.
-    #[arg(long, value_name = "NM")]
+    #[arg(long, value_name = "NM", value_parser = wavelength)]
     pub wavelength: Option<f64>,
     /// Exposure time.
     #[arg(long, value_name = "TIME", default_value = "10ms")]
     pub shutter: Seconds,
     /// Temperature of the sensor, °C.
-    #[arg(long, value_name = "C", allow_negative_numbers = true)]
+    #[arg(long, value_name = "C", value_parser = celsius, allow_negative_numbers = true)]
     pub temperature: Option<f64>,
     /// Serial number: which fixed pattern.
     #[arg(long, value_name = "TEXT")]

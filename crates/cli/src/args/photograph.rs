@@ -9,7 +9,7 @@ use diopter::image::dng::Storage;
 use diopter::quantity::SpectralBands;
 use diopter::sheet::Axis;
 use diopter::shot::ShotFile;
-use diopter::shot::flag_values::pair;
+use diopter::shot::flag_values::{celsius, pair};
 use diopter::shot::sections::SequenceSection;
 use std::path::PathBuf;
 
@@ -51,7 +51,7 @@ pub struct Raw {
     #[arg(long, value_name = "TEXT")]
     pub serial: Option<String>,
     /// Temperature of the sensor, °C.
-    #[arg(long, value_name = "C", allow_negative_numbers = true)]
+    #[arg(long, value_name = "C", value_parser = celsius, allow_negative_numbers = true)]
     pub temperature: Option<f64>,
     /// How numbers are stored in a DNG; 16 without.
     #[arg(long, value_name = "HOW")]

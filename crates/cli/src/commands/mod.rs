@@ -106,7 +106,7 @@ fn print_json(value: &serde_json::Value) -> anyhow::Result<()> {
 /// A number with four digits: "4000", "12.34", "1.250e-3".
 fn shown(v: f64) -> String {
     if v == 0.0 || (1e-2..1e6).contains(&v.abs()) {
-        let decimals = (3 - v.abs().max(1e-9).log10().floor() as i32).clamp(0, 4) as usize;
+        let decimals = (3 - v.abs().max(1e-9).log10().floor() as i32).clamp(0, 5) as usize;
         let text = format!("{v:.decimals$}");
         return if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text };
     }
@@ -124,6 +124,8 @@ mod tests {
             (39.9999, "40"),
             (12.3456, "12.35"),
             (0.1, "0.1"),
+            // The magnification of 50 mm at 3 m.
+            (-0.016_949, "-0.01695"),
             (0.0, "0"),
             (123_456.7, "123457"),
             (-2.5, "-2.5"),

@@ -489,6 +489,11 @@ fn wrong_requests_exit_with_2_and_a_hint() {
         (&["shoot", "--frames", "0"], "1 to"),
         (&["shoot", "--frames", "2", "--shutter-angle", "400"], "above 0 to 360"),
         (&["shoot", "--frames", "2", "--fps", "0"], "frames a second"),
+        (&["shoot", "--shutter-angle", "half"], "\"half\" is not an angle such as 90deg"),
+        (&["shoot", "--blades", "5", "--aperture-image", "star.png"], "blades 5: expected no aperture_image beside it"),
+        (&["shoot", "--look-from", "0,1e30,0"], "1e30 m away: expected up to 1e18 m"),
+        (&["read-out", "p.exr", "-o", "q.dng", "--shots", "0"], "\"0\" is not a whole number of 1 or more, such as 1"),
+        (&["calc", "daylight", "--sun", "30,180", "--hours"], "expected the moment from which on they are shown: --time"),
         (&["calc", "equivalent", "f/0", "1/60"], "above 0"),
         (&["calc", "stops", "sixth"], "full, half or third"),
         (&["calc", "program", "-o", "p.pdf"], ".svg or .png"),
@@ -614,8 +619,15 @@ fn errors_are_told_to_machines_and_the_last_flag_wins() {
         json["error"].clone()
     };
     let e = told(&["shoot", "shot.toml", "--json"]);
-    assert_eq!((e["exit_code"].as_i64(), e["place"].as_str()), (Some(2), Some("shot.toml")), "{e}");
+    assert_eq!((e["exit_code"].as_i64(), e["place"].as_str()), (Some(2), Some("shot.toml:2")), "{e}");
+    assert_eq!(
+        (e["found"].as_str(), e["hint"].as_str()),
+        (Some("unknown field `aperature`"), Some("did you mean `aperture`?")),
+        "{e}"
+    );
     assert!(e["message"].as_str().unwrap().contains("aperature") && e["message"].as_str().unwrap().contains("line 2"), "{e}");
+    let e = told(&["measure", "mtf", "none.png", "--json"]);
+    assert_eq!((e["place"].as_str(), e["found"].as_str()), (Some("none.png"), Some("there is no such file")), "{e}");
     let e = told(&["shoot", "--json", "--lens", "panorame"]);
     assert_eq!((e["place"].as_str(), e["found"].as_str()), (Some("lens"), Some("\"panorame\"")), "{e}");
     assert!(e["expected"].as_str().unwrap().contains("panorama"), "{e}");
@@ -829,7 +841,8 @@ fn developments_that_cannot_be_say_why() {
         (&["develop", "a.dng", "--set", "white.balance=mars", "-o", "x.jpg"], 2, "5200 K"),
         (&["develop", "a.dng", "--preset", "nice", "-o", "x.jpg"], 2, "camera"),
         (&["develop", "a.dng", "--bits", "12", "-o", "x.png"], 2, "8 or 16"),
-        (&["develop", "a.dng", "--quality", "0", "-o", "x.jpg"], 2, "1..=100"),
+        (&["develop", "a.dng", "--quality", "0", "-o", "x.jpg"], 2, "a whole number from 1 to 100"),
+        (&["develop", "a.dng", "--bits", "16", "-o", "x.jpg"], 2, "bits 16: expected a .png"),
         (&["develop", "a.dng", "-o", "x.jpg", "-o", "x.jpg"], 2, "twice"),
         (&["lut", "bake", "-o", "x.png"], 2, ".cube"),
         (&["lut", "info", "short.cube"], 1, "expected 8"),

@@ -38,6 +38,27 @@ fn tolerances_are_the_same_for_any_number_of_threads_and_written_as_asked() {
 }
 
 #[test]
+fn fields_that_the_lens_does_not_image_are_warned_of() {
+    let f = Folder::new("no-image");
+    let singlet = "name = \"singlet\"\nsurfaces = [\n{ radius = 103.36, gap = 4, glass = \"1.5168\", semi_diameter = 5, stop = true },\n\
+        { radius = -103.36, gap = 98.7, semi_diameter = 5.5 },\n]\n";
+    std::fs::write(f.path("singlet.toml"), singlet).unwrap();
+    let sheet =
+        "lens = \"singlet.toml\"\nfields_deg = [0, 60]\nwavelengths_nm = [587.56]\n[[tolerance]]\nsurfaces = 1\nradius = 0.01\n";
+    std::fs::write(f.path("s.toml"), sheet).unwrap();
+    let output = f.ok(&["lens", "tolerance", "s.toml", "-n", "2", "--json", "-o", "a.html"]);
+    let json: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let warnings = json["warnings"].as_array().unwrap();
+    let told = warnings[0].as_str().unwrap();
+    assert!(
+        warnings.len() == 1 && told.starts_with("field 60°: spots of 2") && told.contains("30 cycles/mm is numerical noise"),
+        "{told}"
+    );
+    assert!(String::from_utf8_lossy(&output.stderr).contains(&format!("warning: {told}")));
+    assert!(String::from_utf8(f.read("a.html")).unwrap().contains("are no image"));
+}
+
+#[test]
 fn a_build_is_a_lens_that_other_verbs_take() {
     let f = Folder::new("build");
     std::fs::write(f.path("s.toml"), SHEET).unwrap();

@@ -24,7 +24,7 @@ use crate::files;
 use crate::quantity::Seconds;
 use crate::sheet::text_of;
 use crate::shot::{Sequence, ShotError, ShotFile, is_of_scene};
-use diopter_light::names::nearest;
+use diopter_light::names::{in_words, nearest};
 use item::File;
 use rule::Vary;
 use std::path::{Path, PathBuf};
@@ -98,8 +98,8 @@ impl Dataset {
     /// Checks a specification. `place`: what it is called in errors; `folder`: what its paths are relative to. Every value that is listed is tried;
     /// scenes, lenses and bodies are read when items are made, or by [`Dataset::check_items`]. Fails on keys, names and values that are not known or out of range, and without a number of items.
     pub fn new(text: &str, place: &str, folder: &Path) -> Result<Dataset, ShotError> {
-        let file: SpecFile = toml::from_str(text)
-            .map_err(|e| ShotError::Syntax { path: place.to_owned(), reason: e.to_string().trim_end().to_owned() })?;
+        let file: SpecFile =
+            toml::from_str(text).map_err(|e| ShotError::Syntax { path: place.to_owned(), reason: in_words(&e.to_string()) })?;
         let entry =
             |at: &str, found: String, expected: String| ShotError::Entry { place: format!("{place}: {at}"), found, expected };
         check_shot(&file.shot).map_err(|(at, found, expected)| entry(at, found, expected.to_owned()))?;

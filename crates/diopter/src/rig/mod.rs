@@ -24,7 +24,7 @@ use crate::quantity::{Distance, Seconds};
 use crate::shake::Shake;
 use crate::shot::{Inputs, SceneCache, Shot, ShotError, ShotFile};
 use calibration::{CameraOfRig, Picture, RigCalibration};
-use diopter_light::names::nearest;
+use diopter_light::names::{in_words, nearest};
 use glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot};
 use imu::{AxisNoise, Imu, STANDARD_GRAVITY};
 use path::{Ends, Mounted, RigPath};
@@ -91,8 +91,8 @@ impl Rig {
     /// Checks a rig. `place`: what it is called in errors; `folder`: what its paths are relative to. Fails on entries that are not known or out of range, without a
     /// camera, and on exposures outside a path that does not rest at its ends.
     pub fn new(text: &str, place: &str, folder: &Path) -> Result<Rig, ShotError> {
-        let file: RigFile = toml::from_str(text)
-            .map_err(|e| ShotError::Syntax { path: place.to_owned(), reason: e.to_string().trim_end().to_owned() })?;
+        let file: RigFile =
+            toml::from_str(text).map_err(|e| ShotError::Syntax { path: place.to_owned(), reason: in_words(&e.to_string()) })?;
         let checks = Checks { place };
         let path = checks.path(&file.rig)?;
         let path = Arc::new(checks.shaken(&file.rig, path)?);

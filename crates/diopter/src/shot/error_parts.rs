@@ -39,13 +39,31 @@ fn hint_in(text: &str) -> Option<String> {
     Some(text[from..=from + to].to_owned())
 }
 
+/// Parts of what a parser of TOML says: the line behind the file's name, and the last line of its message, which is behind a copy of the place.
+fn of_syntax(path: &str, reason: &str) -> ErrorParts {
+    let line = reason.split_once("at line ").and_then(|(_, rest)| rest.split(|c: char| !c.is_ascii_digit()).next());
+    let place = line.map_or(path.to_owned(), |line| format!("{path}:{line}"));
+    let said = reason.trim_end().lines().last().unwrap_or(reason);
+    let hint = hint_in(said);
+    match said.split_once(", expected ") {
+        Some((found, expected)) => ErrorParts {
+            found: Some(found.to_owned()),
+            expected: Some(expected.split(" (did you mean").next().unwrap_or(expected).to_owned()),
+            hint,
+            ..ErrorParts::at(&place)
+        },
+        None => ErrorParts { found: Some(said.to_owned()), hint, ..ErrorParts::at(&place) },
+    }
+}
+
 impl ShotError {
     /// Its parts.
     pub fn parts(&self) -> ErrorParts {
         match self {
-            ShotError::Read { path, reason } | ShotError::Syntax { path, reason } => {
+            ShotError::Read { path, reason } => {
                 ErrorParts { found: Some(reason.clone()), hint: hint_in(reason), ..ErrorParts::at(path) }
             }
+            ShotError::Syntax { path, reason } => of_syntax(path, reason),
             ShotError::Value { what, found, expected } => ErrorParts::of_value(what.as_ref(), found, expected),
             ShotError::Entry { place, found, expected } => ErrorParts::of_value(place, found, expected),
             ShotError::Item { place, why } => {
@@ -83,7 +101,7 @@ impl ShotError {
 
 #[cfg(test)]
 mod tests {
-    use crate::shot::{read_body, read_lens};
+    use crate::shot::{ShotFile, read_body, read_lens};
 
     #[test]
     fn errors_tell_their_parts() {
@@ -95,5 +113,20 @@ mod tests {
         assert_eq!((parts.place.as_deref(), parts.hint.as_deref()), (Some("body"), Some("did you mean \"canon-5d-mark-iv\"?")));
         let parts = read_lens("nowhere.toml").unwrap_err().parts();
         assert_eq!(parts.place.as_deref(), Some("nowhere.toml"));
+        // A shot file says the line, and of a misspelt key the nearest one.
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("shot.toml");
+        let parts = |text: &str| {
+            std::fs::write(&file, text).unwrap();
+            let parts = ShotFile::read(&file).unwrap_err().parts();
+            (parts.place.unwrap().ends_with("shot.toml:2"), parts.found.unwrap(), parts.expected.unwrap(), parts.hint)
+        };
+        let (line, found, expected, hint) = parts("[exposure]\napperture = 2");
+        assert!(line && expected.starts_with("one of `aperture`"), "{expected}");
+        assert_eq!((found.as_str(), hint.as_deref()), ("unknown field `apperture`", Some("did you mean `aperture`?")));
+        let (line, found, expected, hint) = parts("[render]\nspp = 2.5");
+        assert_eq!((line, found.as_str()), (true, "invalid type: floating point `2.5`"));
+        assert_eq!((expected.as_str(), hint), ("a whole number, 0 or more", None));
+        assert_eq!(parts("[render]\nsize = [24, 16]").2, "a size such as \"1920x1280\"");
     }
 }

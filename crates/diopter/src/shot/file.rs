@@ -10,6 +10,7 @@ use crate::files;
 use crate::quantity::{FNumber, Iso, IsoChoice, Seconds};
 use crate::stops;
 use diopter_develop::Recipe;
+use diopter_light::names::in_words;
 use diopter_scene::builtin;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -120,7 +121,7 @@ impl ShotFile {
         let place = path.display().to_string();
         let text = files::read_text(path).map_err(|e| ShotError::Read { path: place.clone(), reason: e.to_string() })?;
         let mut shot: ShotFile = toml::from_str(&text)
-            .map_err(|e| ShotError::Syntax { reason: wrong_kind(&text, &place, &e.to_string()), path: place })?;
+            .map_err(|e| ShotError::Syntax { reason: wrong_kind(&text, &place, &in_words(&e.to_string())), path: place })?;
         shot.place_paths(path.parent().unwrap_or(Path::new("")));
         Ok(shot)
     }

@@ -1,6 +1,6 @@
 //! Values of flags: how they are read from text, and how help lists names. Errors say what was found and what is expected.
 
-use crate::quantity::{LengthMm, number};
+use crate::quantity::{Ev, LengthMm, number};
 
 /// Help of a flag that takes a name: what it is for, and the names.
 pub fn one_of<T>(purpose: &str, names: &[(&str, T)]) -> String {
@@ -32,6 +32,34 @@ pub fn degrees(text: &str) -> Result<f64, String> {
     let bare = text.trim();
     let bare = bare.strip_suffix("deg").or_else(|| bare.strip_suffix('°')).unwrap_or(bare).trim();
     bare.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| format!("\"{text}\" is not an angle such as 90deg"))
+}
+
+/// The same, of settings in single precision.
+pub fn degrees_f32(text: &str) -> Result<f32, String> {
+    degrees(text).map(|v| v as f32)
+}
+
+/// "+1", "-1/3" or "0.5 EV": stops; fails where it is no finite number.
+pub fn stops(text: &str) -> Result<f32, String> {
+    text.parse::<Ev>().map(|ev| ev.0 as f32).map_err(|e| e.to_string())
+}
+
+/// "12" or "12 EV": an exposure value; fails where it is no finite number.
+pub fn exposure_value(text: &str) -> Result<f64, String> {
+    text.parse::<Ev>().map(|ev| ev.0).map_err(|_| format!("\"{text}\" is not an exposure value such as 12 or \"12 EV\""))
+}
+
+/// "550" or "550nm": a wavelength; fails where it is no finite number.
+pub fn wavelength(text: &str) -> Result<f64, String> {
+    let bare = text.trim();
+    number(bare.strip_suffix("nm").unwrap_or(bare)).ok_or_else(|| format!("\"{text}\" is not a wavelength such as 550nm"))
+}
+
+/// "20", "-10C" or "20 °C": a temperature; fails where it is no finite number.
+pub fn celsius(text: &str) -> Result<f64, String> {
+    let bare = text.trim();
+    let bare = bare.strip_suffix("°C").or_else(|| bare.strip_suffix('C')).unwrap_or(bare);
+    number(bare).ok_or_else(|| format!("\"{text}\" is not a temperature such as 20C"))
 }
 
 /// "8deg" or "0,5deg": degrees about both axes, 0 for one that is left out; fails where one is no angle.

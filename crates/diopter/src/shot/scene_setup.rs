@@ -291,7 +291,7 @@ pub(super) fn view<'a>(file: &ShotFile, scene: &'a Description) -> Result<Option
     let found = views.iter().find(|v| v.name == *wanted).or_else(|| views.get(wanted.parse::<usize>().ok()?));
     let names: Vec<&str> = views.iter().map(|v| v.name.as_str()).collect();
     let expected = match names.is_empty() {
-        true => "the scene file has no cameras: use look_from and look_at".to_owned(),
+        true => "none: the scene file has no cameras; look_from and look_at place it".to_owned(),
         false => format!("one of {} or its number", names.join(", ")),
     };
     found.map(Some).ok_or_else(|| value("viewpoint", format!("\"{wanted}\""), expected))

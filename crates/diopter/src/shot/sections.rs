@@ -6,7 +6,9 @@
 //! Help shows values as flags write them ("90deg", "5mm", "0,1.5,-2"). In files and in Rust a key with a unit in its name (`fov_deg`, `shift_mm`) is a number in that unit, places are
 //! three numbers in metres, ranges and pairs are lists; quantities (lengths, times, stops) are texts with their unit in both.
 
-use super::flag_values::{degrees, fraction, list, one_of, pair, point, range, samples_a_pixel, shift, tilt, triple};
+use super::flag_values::{
+    degrees, degrees_f32, exposure_value, fraction, list, one_of, pair, point, range, samples_a_pixel, shift, tilt, triple,
+};
 use super::setting::{Section, Setting, Value, section, values};
 use crate::denoising::Denoise;
 use crate::focus::{Measure, Method, Priority};
@@ -64,7 +66,7 @@ section! {
         #[arg(long, value_name = "FILE")]
         pub environment: Option<PathBuf>,
         /// Turn the environment about the vertical, degrees.
-        #[arg(long = "environment-rotation", value_name = "DEG", allow_negative_numbers = true)]
+        #[arg(long = "environment-rotation", value_name = "DEG", value_parser = degrees_f32, allow_negative_numbers = true)]
         pub environment_rotation_deg: Option<f32>,
         /// Factor on the environment; 1 takes its numbers as cd/m².
         #[arg(skip)]
@@ -81,7 +83,7 @@ section! {
         /// Scale all light so that the mean luminance of what the lens shows is that of this EV (ISO 100).
         ///
         /// A meter may read less: it sees dark corners and clipped highlights.
-        #[arg(long, value_name = "EV", allow_negative_numbers = true)]
+        #[arg(long, value_name = "EV", value_parser = exposure_value, allow_negative_numbers = true)]
         pub ambient_ev: Option<f64>,
         /// Moment the exposure begins, on the clock of the scene's animations: "1.25s".
         ///
@@ -257,7 +259,7 @@ section! {
         #[arg(long, value_name = "FILE", help_heading = "Lens")]
         pub aperture_image: Option<PathBuf>,
         /// Turn the blades, those of --blades or of the lens, degrees.
-        #[arg(long = "blade-rotation", value_name = "DEG", allow_negative_numbers = true, help_heading = "Lens")]
+        #[arg(long = "blade-rotation", value_name = "DEG", value_parser = degrees_f32, allow_negative_numbers = true, help_heading = "Lens")]
         pub blade_rotation_deg: Option<f32>,
         /// A hood of this length before a real lens, as narrow as the picture allows: shades the front element from light beside the picture.
         ///
@@ -435,7 +437,7 @@ section! {
         #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = "Time")]
         pub fps: Option<f64>,
         /// Exposure time of a frame as part of its duration, degrees: 180 is half of it.
-        #[arg(long = "shutter-angle", value_name = "DEG", allow_negative_numbers = true, help_heading = "Time")]
+        #[arg(long = "shutter-angle", value_name = "DEG", value_parser = degrees, allow_negative_numbers = true, help_heading = "Time")]
         pub shutter_angle_deg: Option<f64>,
         /// Exposures (2 or 3), the longest first, that a rolling sensor reads interleaved row by row (staggered, digital-overlap HDR): files are numbered.
         ///
@@ -444,7 +446,7 @@ section! {
         #[arg(long, value_name = "N")]
         pub staggered: Option<u32>,
         /// How many times as long each of them is as the next; 16 without.
-        #[arg(long, value_name = "X", requires = "staggered", allow_negative_numbers = true)]
+        #[arg(long, value_name = "RATIO", requires = "staggered", allow_negative_numbers = true)]
         pub staggered_ratio: Option<f64>,
         /// Least time between the reading of a row and the reset for its next exposure: "50us".
         ///

@@ -165,7 +165,7 @@ impl Timing {
                 let found = found.or_else(|| wanted.parse().ok().filter(|i| *i < d.animations.len()));
                 vec![found.ok_or_else(|| {
                     let expected = match names.is_empty() {
-                        true => "the scene has no animations".to_owned(),
+                        true => "none: the scene has no animations".to_owned(),
                         false => format!("all, none, or one of {}", names.join(", ")),
                     };
                     value("animation", format!("\"{wanted}\""), expected)

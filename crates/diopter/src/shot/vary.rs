@@ -8,7 +8,7 @@ use super::setting::Section;
 use super::{ShotError, ShotFile, value};
 use clap::{Args, Command, FromArgMatches, Id};
 use diopter_develop::{Recipe, SETTINGS};
-use diopter_light::names::nearest;
+use diopter_light::names::{in_words, nearest};
 use std::borrow::Cow;
 use std::error::Error;
 use std::sync::OnceLock;
@@ -110,7 +110,7 @@ impl Named {
             let nested = |value, part: &str| toml::Table::from_iter([(part.to_owned(), value)]).into();
             match self.key.rsplit('.').fold(candidate, nested).try_into::<ShotFile>() {
                 Ok(said) => return Ok(said),
-                Err(e) => failure = e.message().to_owned(),
+                Err(e) => failure = in_words(e.message()),
             }
         }
         if failure.starts_with("unknown field") {

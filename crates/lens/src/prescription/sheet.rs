@@ -36,6 +36,7 @@ use crate::gradient::Gradient;
 use crate::iris::Iris;
 use crate::surface::{Asphere, Profile};
 use crate::toml_place::line_of;
+use diopter_light::names::in_words;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use toml::Spanned;
@@ -210,7 +211,7 @@ impl From<Row> for Vec<f64> {
 pub fn read_toml(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     let sheet: Sheet = toml::from_str(text).map_err(|e| {
         let line = e.span().map_or(0, |s| line_of(text, s.start));
-        PrescriptionError::at(file, line, e.message().trim().replace('\n', " "))
+        PrescriptionError::at(file, line, in_words(e.message()).trim().replace('\n', " "))
     })?;
     let known = Prescription { patent: sheet.patent.clone(), year: sheet.year, ..Prescription::new("", vec![]) };
     let names = Names::read(sheet.coatings, known.known_year()).map_err(|what| PrescriptionError::at(file, 0, what))?;

@@ -23,7 +23,7 @@ const SAMPLING: Sampling = Sampling { arms: 24, rings: 7 };
 /// Degree of the wavefront polynomial.
 const DEGREE: usize = 10;
 /// Cells across the pupil of the autocorrelation.
-const CELLS: usize = 32;
+pub(super) const CELLS: usize = 32;
 /// Points a side of a cell that decide how much of it is lit.
 const SUBCELLS: usize = 4;
 /// Fields from here on, degrees, have no rectilinear image that distortion could be measured against.

@@ -38,6 +38,9 @@ const FIELDS: [f64; 5] = [-1.0, -0.7, 0.0, 0.7, 1.0];
 /// Part of the lit image circle whose field angle is the largest looked at: at its edge there is no light.
 const IMAGE_CIRCLE: f64 = 0.95;
 
+/// Root mean square radius of a spot, as a fraction of the focal length, above which nobody would call it an image: 2.5 mm of 50 mm; chosen.
+const NO_IMAGE: f64 = 0.05;
+
 /// A design with its tolerances.
 pub struct Toleranced {
     design: Prescription,
@@ -98,7 +101,31 @@ pub(crate) fn fields_of(
     }
 }
 
+/// A field whose beams are spread so far over the film that they make no image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FieldWithoutImage {
+    /// The field.
+    pub field_deg: f64,
+    /// Root mean square radius of its spot in the design.
+    pub spot_um: f64,
+    /// Lowest frequency that is measured, cycles/mm.
+    pub frequency: Option<f64>,
+}
+
 impl Toleranced {
+    /// Fields, in their order, where the design makes no image: the root mean square radius of the spot is more than 5 % of the focal length, or rays of neighbouring
+    /// cells of the pupil land more than half a period of the lowest frequency apart, where the sum over cells ([`QuantityKind::Mtf`]) is aliased.
+    pub fn fields_without_image(&self) -> Vec<FieldWithoutImage> {
+        let values = || self.quantities().iter().zip(&self.nominal);
+        let efl = values().find(|(q, _)| q.kind == QuantityKind::Efl).map_or(f64::INFINITY, |(_, efl)| efl.abs());
+        let frequency = self.quantities().iter().filter_map(|q| q.frequency).reduce(f64::min);
+        // An even disk is 2 √2 of its root mean square radius across.
+        let cycles = |spot_mm: f64| 8f64.sqrt() * spot_mm * frequency.unwrap_or(0.0);
+        let none = |spot_mm: f64| spot_mm > NO_IMAGE * efl || cycles(spot_mm) > 0.5 * assess::CELLS as f64;
+        let spots = values().filter(|(q, um)| q.kind == QuantityKind::Spot && none(1e-3 * *um));
+        spots.filter_map(|(q, um)| Some(FieldWithoutImage { field_deg: q.field_deg?, spot_um: *um, frequency })).collect()
+    }
+
     /// Checks a sheet against a lens and measures the design. Fails on surfaces that are not there, on fields without light and on
     /// settings that the lens does not have.
     pub fn new(lens: &Prescription, sheet: &ToleranceSheet) -> Result<Toleranced, LensError> {
@@ -467,6 +494,19 @@ mod tests {
         assert_eq!(fringes.len(), 3);
         assert!((fringes[0].half_range / (2.0 * FRINGE_NM * 1e-6 / (12.6 * 12.6)) - 1.0).abs() < 1e-12);
         assert!(fringes.iter().zip(&nm).all(|(a, b)| a.change == b.change && (a.half_range / b.half_range - 1.0).abs() < 1e-12));
+    }
+
+    #[test]
+    fn fields_that_the_lens_does_not_image_are_known() {
+        // An equiconvex singlet is sharp on its axis and blurs by millimetres far from it.
+        let lens = read_toml(SINGLET, "singlet.toml").unwrap();
+        let t = toleranced(&lens, "fields_deg = [0, 10, 60]\nfrequencies = [30]\n[[tolerance]]\nsurfaces = 1\nradius = 0.01");
+        let found = t.fields_without_image();
+        assert_eq!(found.iter().map(|f| (f.field_deg, f.frequency)).collect::<Vec<_>>(), [(60.0, Some(30.0))], "{found:?}");
+        assert!(found[0].spot_um > 5000.0, "{found:?}");
+        assert!(gauss("aperture = 2.8\n[[tolerance]]\nradius = \"0.1%\"").fields_without_image().is_empty());
+        let fisheye = embedded("fisheye-10mm").unwrap();
+        assert!(toleranced(&fisheye, "fields_deg = [0, 60]\n[[tolerance]]\nradius = \"0.1%\"").fields_without_image().is_empty());
     }
 
     #[test]

@@ -42,7 +42,7 @@ use crate::glass::GlassKind;
 use crate::prescription::{Prescription, PrescriptionError};
 use crate::surface::Profile;
 use crate::toml_place::line_of;
-use diopter_light::names::nearest;
+use diopter_light::names::{in_words, nearest};
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -190,7 +190,7 @@ impl ToleranceSheet {
     pub fn parse(text: &str, file: &str) -> Result<ToleranceSheet, PrescriptionError> {
         let sheet: File = toml::from_str(text).map_err(|e| {
             let line = e.span().map_or(0, |s| line_of(text, s.start));
-            PrescriptionError::at(file, line, e.message().trim().replace('\n', " "))
+            PrescriptionError::at(file, line, in_words(e.message()).trim().replace('\n', " "))
         })?;
         let wrong = |what: String| PrescriptionError::at(file, 0, what);
         check_list(file, "fields_deg", sheet.fields_deg.as_ref(), [-120.0, 120.0])?;

@@ -40,7 +40,8 @@ impl Bvh {
         }
         let mut joined = Joined::new(primitives);
         let most_parts = (ALL_PARTS / chunks.len()).clamp(1, PARTS);
-        let mut builders: Vec<BinaryBuilder> = (0..rayon::current_num_threads().max(1)).map(|_| BinaryBuilder::default()).collect();
+        let mut builders: Vec<BinaryBuilder> =
+            (0..rayon::current_num_threads().max(1)).map(|_| BinaryBuilder::default()).collect();
         for batch in chunks.chunks(BATCH * builders.len()) {
             let of_builder = |(builder, chunks): (&mut BinaryBuilder, &[(usize, usize)])| -> Vec<Parts> {
                 let parts = chunks.iter().map(|(start, end)| {

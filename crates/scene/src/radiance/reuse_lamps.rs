@@ -8,9 +8,9 @@
 
 use super::path::{Path, Transport};
 use super::receiver::{Receiver, Receivers};
-use super::reuse_extent::{LightLevel, mean, within};
+use super::reuse_extent::{LightLevel, within};
 use super::tally::Tally;
-use super::weights::{mis, squared_ratio};
+use super::weights::squared_ratio;
 use crate::bvh::packet::Bundle;
 use crate::light::LightPoint;
 use crate::material::{Coverage, Material, Scattering};
@@ -34,8 +34,6 @@ pub(super) struct LampSample {
     radiance: SampledSpectrum,
     /// What it brings to its own path alone.
     pub own: SampledSpectrum,
-    /// Whether a scattered ray found it, not a light sample.
-    is_scattered: bool,
 }
 
 /// A lamp's place as a receiver sees it.
@@ -61,7 +59,7 @@ impl<'a> Transport<'a> {
         let normal = lamp.outer_normal(point);
         let normal = if normal.dot(light_sample.wi) > 0.0 { -normal } else { normal };
         let radiance = self.scene.incident_radiance(light_sample, &path.camera.wavelengths, path.ray.time_s);
-        let sample = self.lamp_sample(path, receiver, light, point, normal, radiance, own, false);
+        let sample = self.lamp_sample(path, receiver, light, point, normal, radiance, own);
         let is_seen = !self.is_hidden(receiver.origin, sample.end, receiver.time_s);
         // What hides it may let it through: then it is the path's own.
         if is_seen || !self.scene.lets_some_light_through() {
@@ -89,7 +87,7 @@ impl<'a> Transport<'a> {
             * scene.pdf_li(light, receiver.point, direction, surface.t, path.ray.time_s);
         let radiance = emission.at(surface, &path.camera.wavelengths) * scene.modulation(material, path.ray.time_s);
         let own = path.throughput * radiance / (1.0 + squared_ratio(by_light, last.density));
-        let sample = self.lamp_sample(path, receiver, light, surface.point, normal, radiance, own, true);
+        let sample = self.lamp_sample(path, receiver, light, surface.point, normal, radiance, own);
         // The path itself may have gone through a blended surface.
         let is_seen = !scene.has_blends() || !self.is_hidden(receiver.origin, sample.end, receiver.time_s);
         is_seen.then_some(sample)
@@ -105,11 +103,10 @@ impl<'a> Transport<'a> {
         normal: Vec3,
         radiance: SampledSpectrum,
         own: SampledSpectrum,
-        is_scattered: bool,
     ) -> LampSample {
         let end = offset_origin(point, normal);
         let (depth, flash) = (receiver.depth, path.flash);
-        LampSample { path: receiver.path, depth, flash, light, point, end, normal, radiance, own, is_scattered }
+        LampSample { path: receiver.path, depth, flash, light, point, end, normal, radiance, own }
     }
 
     /// How a receiver sees a place on a lamp, if it faces that.
@@ -130,8 +127,8 @@ impl<'a> Transport<'a> {
 
     /// Adds what places on lamps bring to the receivers that they are lent to.
     pub fn lend_lamps<T: Tally>(&self, receivers: &Receivers<'a>, samples: &[LampSample], level: LightLevel, tallies: &mut [T]) {
-        // What of its radiance goes on for a density of 1/m² on the lamp, and the densities of light samples and of scattered rays.
-        let mut facing: Vec<(&Receiver, SampledSpectrum, [f32; 2])> = Vec::with_capacity(receivers.all.len());
+        // What of its radiance goes on for a density of 1/m² on the lamp, and that density.
+        let mut facing: Vec<(&Receiver, SampledSpectrum, f32)> = Vec::with_capacity(receivers.all.len());
         let mut shadow_rays = Vec::with_capacity(receivers.all.len());
         let mut hidden = Vec::with_capacity(receivers.all.len());
         for sample in samples {
@@ -152,7 +149,7 @@ impl<'a> Transport<'a> {
                 if f == SampledSpectrum::ZERO {
                     continue;
                 }
-                facing.push((receiver, f * geometry, [density * geometry, pdf * geometry]));
+                facing.push((receiver, f * geometry, (density + pdf) * geometry));
                 if receiver.path != sample.path {
                     shadow_rays.push(super::reuse::segment(receiver.origin, sample.end, receiver.time_s));
                 }
@@ -160,9 +157,8 @@ impl<'a> Transport<'a> {
             self.scene.may_be_occluded_many(&shadow_rays, Bundle::Towards(sample.end), &mut hidden);
             let mut hidden = hidden.iter();
             facing.retain(|(receiver, ..)| receiver.path == sample.path || hidden.next() == Some(&false));
-            let [sampled, scattered] = [0, 1].map(|k| facing.iter().map(|(.., density)| density[k]).sum::<f32>());
-            let (this, other) = if sample.is_scattered { (scattered, sampled) } else { (sampled, scattered) };
-            let radiance = sample.radiance * (mis(this, other) / this);
+            let density: f32 = facing.iter().map(|(.., density)| density).sum();
+            let radiance = sample.radiance / density;
             for (receiver, f, _) in &facing {
                 let light = receiver.throughput * *f * radiance;
                 if light.is_finite() {

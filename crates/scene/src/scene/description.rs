@@ -84,7 +84,7 @@ impl Description {
         let Some(variant) = self.variants.iter().find(|v| v.name == name) else {
             let names: Vec<&str> = self.variants.iter().map(|v| v.name.as_str()).collect();
             return Err(if names.is_empty() {
-                "the scene has no variants".into()
+                "none: the scene has no variants".into()
             } else {
                 format!("one of {}", names.join(", "))
             });

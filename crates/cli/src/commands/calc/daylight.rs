@@ -1,7 +1,9 @@
 //! `calc daylight`: where the sun is and how bright it makes a level ground.
 
+use crate::UsageError;
 use crate::args::DaylightArgs;
 use crate::commands::print_json;
+use anyhow::anyhow;
 use diopter::metering::ev100_of_luminance;
 use diopter::quantity::Moment;
 use diopter::shot::daylight;
@@ -13,6 +15,10 @@ const GREY: f64 = 0.18;
 
 /// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &DaylightArgs, json: bool) -> anyhow::Result<()> {
+    if args.hours && args.sun.is_some() {
+        let expected = "expected the moment from which on they are shown: --time 2026-06-21T00:00+02:00 --place 48,11";
+        return Err(UsageError(anyhow!("hours of a sun that stands still (--sun): {expected}")).into());
+    }
     let section = |time: Option<Moment>| DaylightSection {
         sun: args.sun,
         time,

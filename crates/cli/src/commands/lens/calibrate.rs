@@ -14,7 +14,7 @@ use diopter::lens::compound::{Setting, printed_focal_length};
 use diopter::lens::{CompoundLens, Focus, Lens};
 use diopter::quantity::{Distance, FNumber, LengthMm, Size};
 use diopter::sensor::format;
-use diopter::shot::flag_values::{shift, tilt};
+use diopter::shot::flag_values::{shift, tilt, wavelength};
 use diopter::shot::{LARGEST_SIDE, ShotError, read_body, read_lens};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -80,7 +80,7 @@ pub struct Calibrate {
     #[arg(long)]
     centroid: bool,
     /// Wavelength of the ray, nm; 587.6 without. A lens with lateral colour has another calibration for each colour.
-    #[arg(long, value_name = "NM")]
+    #[arg(long, value_name = "NM", value_parser = wavelength)]
     wavelength: Option<f64>,
     /// Format of the files, where their names do not say it: json, opencv, colmap, nerfstudio, kalibr, lensfun, st-map, st-map-undistort, ray-table.
     #[arg(long, value_name = "NAME")]

@@ -9,7 +9,7 @@ use anyhow::{Context, anyhow};
 use diopter::files;
 use diopter::lens::Prescription;
 use diopter::lens::draw::{Distributed, Figure, distribution_plot};
-use diopter::lens::tolerance::{QuantityKind, Sensitivity, Summary, ToleranceSheet, Toleranced, yield_of};
+use diopter::lens::tolerance::{FieldWithoutImage, QuantityKind, Sensitivity, Summary, ToleranceSheet, Toleranced, yield_of};
 use diopter::shot::{ShotError, lens_beside, read_lens};
 use rayon::prelude::*;
 use serde_json::{Value, json};
@@ -123,6 +123,7 @@ impl Tolerance {
             );
         }
         let report = Report::new(toleranced, self.builds, seed);
+        report.warnings().iter().for_each(|warning| say(&format!("warning: {warning}")));
         for target in targets {
             if let Target::Text(output, text) = target {
                 let text = text(&report)?;
@@ -224,6 +225,7 @@ pub(super) fn summary(sheet: &Path, lens: &str, builds: usize) -> anyhow::Result
     }
     let named =
         |i: usize| format!("{} ({:.3e} {})", t.parameters()[i].name(), t.parameters()[i].half_range, t.parameters()[i].unit());
+    lines.extend(r.warnings());
     let worst: Vec<String> = r.worst_first().into_iter().take(NAMED / 2).map(named).collect();
     lines.push(format!("What costs most contrast: {}", worst.join("; ")));
     Ok((r.title(), rows, lines))
@@ -245,6 +247,20 @@ impl Report {
         let t = &self.toleranced;
         let builds = self.builds.len();
         format!("{}: {builds} builds of seed {}, {} perturbations", t.design().name, self.seed, t.parameters().len())
+    }
+
+    /// What is said of fields whose numbers mean nothing.
+    fn warnings(&self) -> Vec<String> {
+        let of = |f: FieldWithoutImage| {
+            let (field, spot) = (f.field_deg, f.spot_um);
+            let contrast = f
+                .frequency
+                .map_or("".into(), |v| format!(", contrast at {v} cycles/mm is numerical noise, and its yield with it"));
+            format!(
+                "field {field}°: spots of {spot:.0} µm (root mean square) are no image{contrast}; expected fields within the picture"
+            )
+        };
+        self.toleranced.fields_without_image().into_iter().map(of).collect()
     }
 
     /// Builds that keep all limits: fraction, and 95 % interval.
@@ -370,7 +386,7 @@ fn as_json(r: &Report) -> Value {
         .collect();
     let (fraction, interval) = r.total_yield();
     json!({ "lens": t.design().name, "seed": r.seed, "quantities": quantities, "perturbations": perturbations, "limits": limits,
-        "yield": fraction, "yield_interval_95": interval, "builds": r.builds, "good": r.good })
+        "warnings": r.warnings(), "yield": fraction, "yield_interval_95": interval, "builds": r.builds, "good": r.good })
 }
 
 fn csv(r: &Report) -> String {
@@ -414,6 +430,9 @@ fn html(r: &Report) -> String {
         });
         out.push_str("</table>\n");
     };
+    for warning in r.warnings() {
+        let _ = writeln!(out, "<p><b>{}</b></p>", escaped(&warning));
+    }
     if !t.limits().is_empty() {
         let _ = writeln!(out, "<h2>Yield: {}</h2>", escaped(&percent(r.total_yield())));
         let mut rows = r.yields().into_iter().map(|(name, fraction, interval)| vec![name, percent((fraction, interval))]);

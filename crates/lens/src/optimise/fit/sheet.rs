@@ -46,6 +46,7 @@ use crate::optimise::sheet::{Surfaces, VariableEntry};
 use crate::prescription::PrescriptionError;
 use crate::tolerance::{check_list, check_weights};
 use crate::toml_place::line_of;
+use diopter_light::names::in_words;
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -338,7 +339,7 @@ impl FitSheet {
     pub fn parse(text: &str, file: &str) -> Result<FitSheet, PrescriptionError> {
         let sheet: File = toml::from_str(text).map_err(|e| {
             let line = e.span().map_or(0, |s| line_of(text, s.start));
-            PrescriptionError::at(file, line, e.message().trim().replace('\n', " "))
+            PrescriptionError::at(file, line, in_words(e.message()).trim().replace('\n', " "))
         })?;
         let wrong = |what: String| PrescriptionError::at(file, 0, what);
         check_list(file, "wavelengths_nm", sheet.wavelengths_nm.as_ref(), [300.0, 2500.0])?;
