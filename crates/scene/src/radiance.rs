@@ -107,7 +107,7 @@ impl Scene {
     }
 
     /// The same of two groups of camera paths, each of the same wavelengths, that reuse the light that others of their group found: means are those of [`Scene::trace`], errors are
-    /// smaller, and correlated within a group; direct light of lamps is that of each path alone. The light of either group says how far that of the other is worth lending; where one is empty all is lent. Paths are traced alone where they may not share
+    /// smaller, and correlated within a group. The light of either group says how far that of the other is worth lending; where one is empty all is lent. Paths are traced alone where they may not share
     /// light: where [`CameraPath::light_paths`] are given or wavelengths differ; whether the scene allows it ([`Scene::lets_paths_be_reused`]) is for whoever asks.
     pub fn trace_groups<R: Record>(&self, groups: [&[CameraPath]; 2], record: R, settings: &PathSettings) -> Vec<R::Light> {
         record.trace_groups(self, groups, settings)

@@ -41,13 +41,11 @@ const TYPICAL_ALBEDO: f32 = 0.4;
 const ROULETTE_THROUGHPUT: f32 = 2.0;
 
 /// A receiver that a donor faces.
-struct Faced<'r> {
-    receiver: &'r Receiver,
+struct Faced {
+    /// Its number.
+    number: usize,
     /// Unit direction towards the donor.
     wi: Vec3,
-    /// f cos θ of that direction, and its density, 1/sr.
-    f: SampledSpectrum,
-    pdf: f32,
     /// Solid angle of an area at the donor, 1/m².
     geometry: f32,
 }
@@ -409,8 +407,11 @@ impl<'a> Transport<'a> {
             };
             let jointly = if donor.further.is_some() { part(donor.further_brightness()) } else { of_donor.clone() };
             let either = within(&receivers.all, if jointly.len() > of_donor.len() { &jointly } else { &of_donor });
-            let receivers = receivers.all[either.clone()].iter().zip(&receivers.bsdfs[either]);
-            for (receiver, bsdf) in receivers.filter(|(r, _)| r.depth == own.depth) {
+            for number in either {
+                let receiver = &receivers.all[number];
+                if receiver.depth != own.depth {
+                    continue;
+                }
                 let to_donor = donor.surface.point - receiver.point;
                 let squared = to_donor.length_squared();
                 let wi = to_donor / squared.sqrt();
@@ -418,11 +419,7 @@ impl<'a> Transport<'a> {
                 if !(facing > 0.0 && wi.dot(receiver.ng) > 0.0) {
                     continue;
                 }
-                let (f, pdf) = receiver.eval(bsdf, wi);
-                if f == SampledSpectrum::ZERO {
-                    continue;
-                }
-                faced.push(Faced { receiver, wi, f, pdf, geometry: facing / squared });
+                faced.push(Faced { number, wi, geometry: facing / squared });
                 if receiver.path != donor.path {
                     shadow_rays.push(segment(receiver.origin, donor.end, receiver.time_s));
                 }
@@ -431,9 +428,14 @@ impl<'a> Transport<'a> {
             let mut hidden = hidden.iter();
             // Of the donor, and of it and the direction in which its path went on.
             let (mut density, mut joint_density) = (0.0, 0.0);
-            for &Faced { receiver, wi, f, pdf, geometry } in &faced {
+            for &Faced { number, wi, geometry } in &faced {
+                let receiver = &receivers.all[number];
                 let is_own = receiver.path == donor.path;
                 if !is_own && hidden.next() != Some(&false) {
+                    continue;
+                }
+                let (f, pdf) = receiver.eval(&receivers.bsdfs[number], wi);
+                if f == SampledSpectrum::ZERO {
                     continue;
                 }
                 let (is_lent, is_lent_jointly) = (of_donor.contains(&receiver.path), jointly.contains(&receiver.path));

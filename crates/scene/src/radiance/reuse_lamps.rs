@@ -8,6 +8,7 @@
 
 use super::path::{Path, Transport};
 use super::receiver::{Receiver, Receivers};
+use super::reuse::segment;
 use super::reuse_extent::{LightLevel, within};
 use super::tally::Tally;
 use super::weights::squared_ratio;
@@ -34,15 +35,6 @@ pub(super) struct LampSample {
     radiance: SampledSpectrum,
     /// What it brings to its own path alone.
     pub own: SampledSpectrum,
-}
-
-/// A lamp's place as a receiver sees it.
-struct Sight {
-    wi: Vec3,
-    /// Of the receiver's light samples, 1/sr.
-    density: f32,
-    /// Solid angle of an area at the lamp, 1/m².
-    geometry: f32,
 }
 
 impl<'a> Transport<'a> {
@@ -109,64 +101,75 @@ impl<'a> Transport<'a> {
         LampSample { path: receiver.path, depth, flash, light, point, end, normal, radiance, own }
     }
 
-    /// How a receiver sees a place on a lamp, if it faces that.
-    #[inline]
-    fn sight(&self, sample: &LampSample, receiver: &Receiver) -> Option<Sight> {
-        let to_lamp = sample.point - receiver.point;
-        let squared = to_lamp.length_squared();
-        let distance = squared.sqrt();
-        let wi = to_lamp / distance;
-        let facing = -wi.dot(sample.normal);
-        if !(facing > 0.0 && wi.dot(receiver.ng) > 0.0) {
-            return None;
-        }
-        let chosen = self.scene.lights().area_probability(receiver.point, receiver.ng, sample.light, sample.flash);
-        let density = chosen * self.scene.pdf_li(sample.light, receiver.point, wi, distance, receiver.time_s);
-        Some(Sight { wi, density, geometry: facing / squared })
-    }
-
     /// Adds what places on lamps bring to the receivers that they are lent to.
     pub fn lend_lamps<T: Tally>(&self, receivers: &Receivers<'a>, samples: &[LampSample], level: LightLevel, tallies: &mut [T]) {
-        // What of its radiance goes on for a density of 1/m² on the lamp, and that density.
-        let mut facing: Vec<(&Receiver, SampledSpectrum, f32)> = Vec::with_capacity(receivers.all.len());
+        let mut facing: Vec<Facing> = Vec::with_capacity(receivers.all.len());
         let mut shadow_rays = Vec::with_capacity(receivers.all.len());
         let mut hidden = Vec::with_capacity(receivers.all.len());
+        // What of its radiance goes on for a density of 1/m² on the lamp.
+        let mut lent: Vec<(&Receiver, SampledSpectrum)> = Vec::with_capacity(receivers.all.len());
         for sample in samples {
-            facing.clear();
-            shadow_rays.clear();
             let part = level.part_for_lamp(sample.path, tallies.len());
             if part.len() == 1 {
                 tallies[sample.path].add(sample.own, sample.depth + 1);
                 continue;
             }
-            let range = within(&receivers.all, &part);
-            for (receiver, bsdf) in receivers.all[range.clone()].iter().zip(&receivers.bsdfs[range]) {
+            facing.clear();
+            shadow_rays.clear();
+            lent.clear();
+            for number in within(&receivers.all, &part) {
+                let receiver = &receivers.all[number];
                 if receiver.depth != sample.depth || receiver.flash != sample.flash {
                     continue;
                 }
-                let Some(Sight { wi, density, geometry }) = self.sight(sample, receiver) else { continue };
-                let (f, pdf) = receiver.eval(bsdf, wi);
-                if f == SampledSpectrum::ZERO {
+                let to_lamp = sample.point - receiver.point;
+                let squared = to_lamp.length_squared();
+                let distance = squared.sqrt();
+                let wi = to_lamp / distance;
+                let cos = -wi.dot(sample.normal);
+                if !(cos > 0.0 && wi.dot(receiver.ng) > 0.0) {
                     continue;
                 }
-                facing.push((receiver, f * geometry, (density + pdf) * geometry));
+                facing.push(Facing { number, wi, distance, geometry: cos / squared });
                 if receiver.path != sample.path {
-                    shadow_rays.push(super::reuse::segment(receiver.origin, sample.end, receiver.time_s));
+                    shadow_rays.push(segment(receiver.origin, sample.end, receiver.time_s));
                 }
             }
             self.scene.may_be_occluded_many(&shadow_rays, Bundle::Towards(sample.end), &mut hidden);
-            let mut hidden = hidden.iter();
-            facing.retain(|(receiver, ..)| receiver.path == sample.path || hidden.next() == Some(&false));
-            let density: f32 = facing.iter().map(|(.., density)| density).sum();
+            let (mut hidden, mut density) = (hidden.iter(), 0.0);
+            for &Facing { number, wi, distance, geometry } in &facing {
+                let receiver = &receivers.all[number];
+                if receiver.path != sample.path && hidden.next() != Some(&false) {
+                    continue;
+                }
+                let (f, pdf) = receiver.eval(&receivers.bsdfs[number], wi);
+                if f == SampledSpectrum::ZERO {
+                    continue;
+                }
+                let chosen = self.scene.lights().area_probability(receiver.point, receiver.ng, sample.light, sample.flash);
+                let by_light = chosen * self.scene.pdf_li(sample.light, receiver.point, wi, distance, receiver.time_s);
+                density += (by_light + pdf) * geometry;
+                lent.push((receiver, receiver.throughput * f * geometry));
+            }
             let radiance = sample.radiance / density;
-            for (receiver, f, _) in &facing {
-                let light = receiver.throughput * *f * radiance;
+            for (receiver, onward) in &lent {
+                let light = *onward * radiance;
                 if light.is_finite() {
                     tallies[receiver.path].add(light, receiver.depth + 1);
                 }
             }
         }
     }
+}
+
+/// A receiver, by its number, that faces a place on a lamp.
+struct Facing {
+    number: usize,
+    /// Unit direction towards the place, and how far it is, m.
+    wi: Vec3,
+    distance: f32,
+    /// Solid angle of an area at the lamp, 1/m².
+    geometry: f32,
 }
 
 /// Whether rays meet a lamp of a material wherever they come to it.

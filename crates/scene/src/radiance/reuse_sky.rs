@@ -75,33 +75,42 @@ impl<'a> Transport<'a> {
 
     /// Adds what samples of the environment bring to the receivers that they are lent to.
     pub fn lend_sky<T: Tally>(&self, receivers: &Receivers<'a>, samples: &[SkySample], level: LightLevel, tallies: &mut [T]) {
-        let mut facing: Vec<(&Receiver, SampledSpectrum, f32)> = Vec::with_capacity(receivers.all.len());
+        let mut facing: Vec<usize> = Vec::with_capacity(receivers.all.len());
         let mut shadow_rays = Vec::with_capacity(receivers.all.len());
         let mut hidden = Vec::with_capacity(receivers.all.len());
+        let mut lent: Vec<(&Receiver, SampledSpectrum)> = Vec::with_capacity(receivers.all.len());
         for sample in samples.iter().filter(|sample| sample.radiance != SampledSpectrum::ZERO) {
             facing.clear();
             shadow_rays.clear();
+            lent.clear();
             let part = level.part_for_sky(sample.brightness(), sample.path, tallies.len());
-            let range = within(&receivers.all, &part);
-            for (receiver, bsdf) in receivers.all[range.clone()].iter().zip(&receivers.bsdfs[range]) {
+            for number in within(&receivers.all, &part) {
+                let receiver = &receivers.all[number];
                 if receiver.depth != sample.depth || sample.wi.dot(receiver.ng) <= 0.0 {
                     continue;
                 }
-                let (f, pdf) = receiver.eval(bsdf, sample.wi);
-                if f == SampledSpectrum::ZERO {
-                    continue;
-                }
-                facing.push((receiver, f, receiver.sky_probability * sample.density + pdf));
+                facing.push(number);
                 if receiver.path != sample.path {
                     shadow_rays.push(receiver.ray_towards(sample.wi));
                 }
             }
             self.scene.may_be_occluded_many(&shadow_rays, Bundle::Along(sample.wi), &mut hidden);
-            let mut hidden = hidden.iter();
-            facing.retain(|(receiver, ..)| receiver.path == sample.path || hidden.next() == Some(&false));
-            let density: f32 = facing.iter().map(|(.., density)| density).sum();
-            for (receiver, f, _) in &facing {
-                let light = receiver.throughput * *f * sample.radiance / density;
+            // Only where nothing hides it does the scattering function count: most of what it costs.
+            let (mut hidden, mut density) = (hidden.iter(), 0.0);
+            for &number in &facing {
+                let receiver = &receivers.all[number];
+                if receiver.path != sample.path && hidden.next() != Some(&false) {
+                    continue;
+                }
+                let (f, pdf) = receiver.eval(&receivers.bsdfs[number], sample.wi);
+                if f == SampledSpectrum::ZERO {
+                    continue;
+                }
+                density += receiver.sky_probability * sample.density + pdf;
+                lent.push((receiver, receiver.throughput * f));
+            }
+            for (receiver, onward) in &lent {
+                let light = *onward * sample.radiance / density;
                 if light.is_finite() {
                     tallies[receiver.path].add(light, receiver.depth + 1);
                 }

@@ -50,7 +50,7 @@ fn sky() -> Environment {
 }
 
 /// A room of everything that can lend or receive: diffuse, glossy, lacquered, broad and narrow metal, a mirror, glass that bends and disperses, a pane, cloth that shines through, fog in a ball, a faceted
-/// ball with smooth normals, a curtain that lets rays through by chance; a lamp, a bulb without extent, a narrow sun and a sky.
+/// ball with smooth normals, a curtain that lets rays through by chance; a lamp, one above a shade that few places see, a bulb without extent, a narrow sun and a sky.
 fn description() -> Description {
     let interior = Interior::Body { medium: Some(Arc::new(Medium::fog(1.5, 0.8, 0.2))), priority: None };
     let cloth = Scattering::DiffuseTransmission(Box::new([Color::rgb(0.4, 0.4, 0.5), Color::rgb(0.3, 0.3, 0.2)]));
@@ -108,6 +108,8 @@ fn description() -> Description {
         ball("black", [1.5, 0.0, 0.2], 0.2, 11),
         Object::new("faceted", Shape::Mesh { mesh: 0, world_from_mesh: placed }, 2),
         Object::new("curtain", Shape::Mesh { mesh: 1, world_from_mesh: Affine3A::IDENTITY }, 12),
+        ball("shaded lamp", [-0.9, 1.4, -1.2], 0.15, 1),
+        quad("shade", [-1.2, 1.2, -1.5], [[0.6, 0.0, 0.0], [0.0, 0.0, 0.6]], 0),
     ];
     let curtain = Mesh {
         positions: [[-0.9, -0.9, 0.3], [0.9, -0.9, -0.6], [0.9, 0.3, -0.6], [-0.9, 0.3, 0.3]].map(Vec3::from).to_vec(),
@@ -280,8 +282,8 @@ fn lent_light_is_far_less_noisy() {
 }
 
 #[test]
-fn what_is_seen_of_the_sky_through_a_gap_is_lent() {
-    // A closed room with a gap in its ceiling, below a sky with a cloud at which light samples aim; and below an even one, which only scattered rays find.
+fn what_is_seen_through_a_gap_is_lent() {
+    // A closed room with a gap in its ceiling, below a sky with a cloud at which light samples aim; below an even one, which only scattered rays find; below lamps, a flat one and a ball.
     let wall = Material::new("wall", Scattering::Diffuse(Color::rgb(0.5, 0.5, 0.5)));
     let metal = Material::new("metal", metal(0.3));
     let upright =
@@ -296,11 +298,15 @@ fn what_is_seen_of_the_sky_through_a_gap_is_lent() {
         quad("ceiling", [1.0, 2.0, -2.0], [[1.0, 0.0, 0.0], [0.0, 0.0, 4.0]], 0),
     ];
     let settings = PathSettings { max_depth: 1, roulette_depth: 5 };
-    for environment in [sky(), Environment::uniform(Vec3::splat(0.3))] {
+    let flat = quad("lamp", [-1.0, 3.0, -1.0], [[2.0, 0.0, 0.0], [0.0, 0.0, 2.0]], 2);
+    let skies = [sky(), Environment::uniform(Vec3::splat(0.3))].map(|sky| (Some(sky), None));
+    for (environment, lamp) in
+        skies.into_iter().chain([flat, ball("lamp", [0.0, 3.5, 0.0], 1.0, 2)].map(|lamp| (None, Some(lamp))))
+    {
         let description = Description {
-            materials: vec![wall.clone(), metal.clone()],
-            objects: objects.clone(),
-            environment: Some(environment),
+            materials: vec![wall.clone(), metal.clone(), Material::lamp("lamp", Spectrum::Constant(1.0))],
+            objects: objects.iter().cloned().chain(lamp).collect(),
+            environment,
             ..Default::default()
         };
         let scene = Scene::build(description).unwrap();
@@ -330,7 +336,7 @@ fn what_is_seen_of_the_sky_through_a_gap_is_lent() {
 }
 
 #[test]
-fn direct_light_of_lamps_is_not_lent_and_groups_that_may_not_lend_are_paths_alone() {
+fn direct_light_is_that_of_paths_of_one_event_and_groups_that_may_not_lend_are_paths_alone() {
     let scene = Scene::build(Description { environment: None, ..description() }).unwrap();
     let settings = PathSettings::default();
     let caustics = Caustics::new(&scene, CausticSettings { lamps: Lamps::All, photons: 1 << 12, ..Default::default() }).unwrap();
@@ -340,8 +346,8 @@ fn direct_light_of_lamps_is_not_lent_and_groups_that_may_not_lend_are_paths_alon
     for cell in 0..30 {
         let paths = group(cell, 7, false);
         let both = scene.trace_groups([&paths, &[]], RadianceAndDirect, &settings);
-        let alone = scene.trace(&paths, RadianceAndDirect, &settings);
-        for ([all, direct], [_, expected]) in both.iter().zip(&alone) {
+        let of_one_event = scene.trace_groups([&paths, &[]], Radiance, &PathSettings { max_depth: 1, ..settings });
+        for ([all, direct], expected) in both.iter().zip(&of_one_event) {
             assert_eq!(direct, expected, "cell {cell}");
             assert!(direct.cmple(*all * (1.0 + 1e-6)).all(), "cell {cell}: {direct} {all}");
         }
