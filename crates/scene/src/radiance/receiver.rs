@@ -1,6 +1,7 @@
 //! Where the paths of a group receive light that others found.
 
 use crate::material::Bsdf;
+use crate::scene::Scene;
 use diopter_light::{Ray, SampledSpectrum};
 use glam::Vec3;
 
@@ -40,6 +41,21 @@ impl Receiver {
             }
             None => bsdf.eval(wi),
         }
+    }
+
+    /// A shadow ray to a point, and how far that is, m.
+    #[inline(always)]
+    pub fn ray_to(&self, end: Vec3) -> (Ray, f32) {
+        let to_end = end - self.origin;
+        let distance = to_end.length();
+        (Ray { origin: self.origin, direction: to_end / distance, time_s: self.time_s }, distance)
+    }
+
+    /// Whether something stands, or may stand, between it and a point.
+    #[inline(always)]
+    pub fn may_not_see(&self, scene: &Scene, end: Vec3) -> bool {
+        let (ray, distance) = self.ray_to(end);
+        scene.may_be_occluded(&ray, distance)
     }
 
     /// A shadow ray towards what is infinitely far.

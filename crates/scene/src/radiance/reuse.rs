@@ -24,7 +24,7 @@ use crate::material::{Bsdf, Coverage, Material, Orientation, Scatter};
 use crate::scene::{Object, Scene, Shape};
 use crate::shape::{Surface, offset_origin};
 use diopter_light::random::Dimensions;
-use diopter_light::{Ray, SampledSpectrum, SampledWavelengths};
+use diopter_light::{SampledSpectrum, SampledWavelengths};
 use glam::Vec3;
 
 /// Least GGX width of broad microfacets: what narrower ones reflect towards another receiver is not what the path was sampled for.
@@ -48,14 +48,6 @@ struct Faced {
     wi: Vec3,
     /// Solid angle of an area at the donor, 1/m².
     geometry: f32,
-}
-
-/// A shadow ray by its ends, and its length, m.
-#[inline(always)]
-pub(super) fn segment(start: Vec3, end: Vec3, time_s: f32) -> (Ray, f32) {
-    let to_end = end - start;
-    let distance = to_end.length();
-    (Ray { origin: start, direction: to_end / distance, time_s }, distance)
 }
 
 /// A surface that a path of the group found behind its receiver.
@@ -279,13 +271,13 @@ impl<'a> Transport<'a> {
             path.leaves_out_emission = true;
         }
         let (mut donor, mut suspended) = (None, None);
-        let (start, blends) = (receiver.origin, self.scene.has_blends());
+        let blends = self.scene.has_blends();
         let next = self.arrive(&mut path, hit.as_mut(), |path, here| {
             let end = offset_origin(here.surface.point, here.bsdf.side_normal());
             let lends =
                 here.bsdf.only_reflects() && !here.bsdf.is_specular() && !here.surface.is_strand() && !here.material.is_mixed();
             // The path itself may have gone through a blended surface.
-            if !lends || blends && self.is_hidden(start, end, time_s) {
+            if !lends || blends && receiver.may_not_see(self.scene, end) {
                 return self.scatter_light(path, &here.vertex());
             }
             let next = self.scatter_apart(path, &here, number, &mut donor, &mut suspended);
@@ -421,7 +413,7 @@ impl<'a> Transport<'a> {
                 }
                 faced.push(Faced { number, wi, geometry: facing / squared });
                 if receiver.path != donor.path {
-                    shadow_rays.push(segment(receiver.origin, donor.end, receiver.time_s));
+                    shadow_rays.push(receiver.ray_to(donor.end));
                 }
             }
             self.scene.may_be_occluded_many(&shadow_rays, Bundle::Towards(donor.end), &mut hidden);
@@ -458,13 +450,6 @@ impl<'a> Transport<'a> {
                 }
             }
         }
-    }
-
-    /// Whether something stands, or may stand, between a receiver and a donor, by the ends of their shadow ray.
-    #[inline(always)]
-    pub fn is_hidden(&self, start: Vec3, end: Vec3, time_s: f32) -> bool {
-        let (ray, distance) = segment(start, end, time_s);
-        self.scene.may_be_occluded(&ray, distance)
     }
 
     /// Radiance from a donor towards `wo` that is lent by the density of the donor; what is lent by the joint density, and the density of the further direction.

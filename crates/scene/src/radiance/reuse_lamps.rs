@@ -8,7 +8,6 @@
 
 use super::path::{Path, Transport};
 use super::receiver::{Receiver, Receivers};
-use super::reuse::segment;
 use super::reuse_extent::{LightLevel, within};
 use super::tally::Tally;
 use super::weights::squared_ratio;
@@ -52,7 +51,7 @@ impl<'a> Transport<'a> {
         let normal = if normal.dot(light_sample.wi) > 0.0 { -normal } else { normal };
         let radiance = self.scene.incident_radiance(light_sample, &path.camera.wavelengths, path.ray.time_s);
         let sample = self.lamp_sample(path, receiver, light, point, normal, radiance, own);
-        let is_seen = !self.is_hidden(receiver.origin, sample.end, receiver.time_s);
+        let is_seen = !receiver.may_not_see(self.scene, sample.end);
         // What hides it may let it through: then it is the path's own.
         if is_seen || !self.scene.lets_some_light_through() {
             path.connection = None;
@@ -81,7 +80,7 @@ impl<'a> Transport<'a> {
         let own = path.throughput * radiance / (1.0 + squared_ratio(by_light, last.density));
         let sample = self.lamp_sample(path, receiver, light, surface.point, normal, radiance, own);
         // The path itself may have gone through a blended surface.
-        let is_seen = !scene.has_blends() || !self.is_hidden(receiver.origin, sample.end, receiver.time_s);
+        let is_seen = !scene.has_blends() || !receiver.may_not_see(self.scene, sample.end);
         is_seen.then_some(sample)
     }
 
@@ -132,7 +131,7 @@ impl<'a> Transport<'a> {
                 }
                 facing.push(Facing { number, wi, distance, geometry: cos / squared });
                 if receiver.path != sample.path {
-                    shadow_rays.push(segment(receiver.origin, sample.end, receiver.time_s));
+                    shadow_rays.push(receiver.ray_to(sample.end));
                 }
             }
             self.scene.may_be_occluded_many(&shadow_rays, Bundle::Towards(sample.end), &mut hidden);
