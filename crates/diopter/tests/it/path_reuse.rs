@@ -44,7 +44,7 @@ fn below_a_sky(columns: usize, rows: usize) -> (Scene, Camera) {
 #[test]
 fn the_claimed_variance_of_pixels_that_lend_light_is_that_between_seeds_and_means_agree() {
     for (scene, camera) in exposures(33, 22).iter().chain([&below_a_sky(33, 22)]) {
-        const SEEDS: u64 = 30;
+        const SEEDS: u64 = 120;
         let of = |integrator| -> (Vec<f64>, f64, f64) {
             let planes: Vec<FocalPlane> = (1..=SEEDS).map(|seed| take(scene, camera, &settings(integrator, 8, seed))).collect();
             let light = |plane: &FocalPlane| plane.mean.data.iter().map(|v| f64::from(*v)).sum();
@@ -60,7 +60,7 @@ fn the_claimed_variance_of_pixels_that_lend_light_is_that_between_seeds_and_mean
         let error = (differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n * (n - 1.0))).sqrt();
         let (of_claimed, of_before, of_light) = (claimed / seen, seen / before, mean * n / light);
         println!("claimed over seen {of_claimed}, of that of paths alone {of_before}, light {of_light:e}, z {}", mean / error);
-        // 726 pixels of 30 seeds, in groups of up to 64 that are alike: 2 %, 5 % with what is common.
+        // 726 pixels of 120 seeds, in groups of up to 64 that have rare light in common: of 30 seeds the claim is 3, 4 and 14 % off, of 120 it is 0.3, 4 and 5 %.
         assert!((claimed / seen - 1.0).abs() < 0.1, "{claimed} {seen}");
         assert!(mean.abs() < 4.0 * error && error * n < 2e-3 * light, "{of_light} {mean} {error}");
         assert!(seen < 0.5 * before, "{seen} {before}");
