@@ -288,7 +288,7 @@ fn what_is_seen_through_a_gap_is_lent() {
     let metal = Material::new("metal", metal(0.3));
     let upright =
         |name: &str, corner: [f32; 3], along: [f32; 3], material: u32| quad(name, corner, [along, [0.0, 3.0, 0.0]], material);
-    let objects = vec![
+    let objects = [
         quad("floor", [-2.0, -1.0, -2.0], [[0.0, 0.0, 4.0], [4.0, 0.0, 0.0]], 0),
         upright("back", [-2.0, -1.0, -2.0], [4.0, 0.0, 0.0], 1),
         upright("front", [-2.0, -1.0, 2.0], [4.0, 0.0, 0.0], 0),
