@@ -173,6 +173,7 @@ impl AreaLight {
     }
 
     /// Outer normal at a point of it.
+    #[inline]
     pub(crate) fn outer_normal(&self, point: Vec3) -> Vec3 {
         match &self.shape {
             AreaShape::Sphere(s) => (point - s.center) / s.radius,
@@ -188,10 +189,7 @@ impl AreaLight {
     /// Cosine between its normal at a point of it and a direction.
     #[inline]
     pub(crate) fn cosine(&self, point: Vec3, direction: Vec3) -> f32 {
-        match &self.shape {
-            AreaShape::Sphere(s) => ((point - s.center).dot(direction) / s.radius).abs(),
-            _ => self.normal.dot(direction).abs(),
-        }
+        self.outer_normal(point).dot(direction).abs()
     }
 
     /// Its middle.

@@ -1,9 +1,11 @@
 //! Where the paths of a group receive light that others found.
 
+use crate::bvh::packet::Bundle;
 use crate::material::Bsdf;
 use crate::scene::Scene;
 use diopter_light::{Ray, SampledSpectrum};
 use glam::Vec3;
+use std::ops::Range;
 
 /// Where a path of the group receives light: its first surface that is no mirror. Small, for each is asked by each donor.
 pub(super) struct Receiver {
@@ -43,6 +45,17 @@ impl Receiver {
         }
     }
 
+    /// The way to a point of a surface, by its unit normal; `None` where receiver and surface do not face one another.
+    #[inline]
+    pub fn way_to(&self, point: Vec3, normal: Vec3) -> Option<Way> {
+        let to_point = point - self.point;
+        let squared = to_point.length_squared();
+        let distance = squared.sqrt();
+        let wi = to_point / distance;
+        let facing = -wi.dot(normal);
+        (facing > 0.0 && wi.dot(self.ng) > 0.0).then(|| Way { wi, distance, geometry: facing / squared })
+    }
+
     /// A shadow ray to a point, and how far that is, m.
     #[inline(always)]
     pub fn ray_to(&self, end: Vec3) -> (Ray, f32) {
@@ -62,6 +75,53 @@ impl Receiver {
     #[inline]
     pub fn ray_towards(&self, wi: Vec3) -> (Ray, f32) {
         (Ray { origin: self.origin, direction: wi, time_s: self.time_s }, f32::INFINITY)
+    }
+}
+
+/// From a receiver to a point of a surface.
+pub(super) struct Way {
+    /// Unit direction.
+    pub wi: Vec3,
+    /// How far it is, m.
+    pub distance: f32,
+    /// Solid angle of an area there, 1/m².
+    pub geometry: f32,
+}
+
+/// Which receivers see what one path of the group found; its memory serves for all finds.
+#[derive(Default)]
+pub(super) struct Sight {
+    seeing: Vec<usize>,
+    shadow_rays: Vec<(Ray, f32)>,
+    hidden: Vec<bool>,
+}
+
+impl Sight {
+    /// Numbers of those from `among` which have a shadow ray that nothing stands in, or may stand in. The receiver of the path that found it sees it.
+    #[inline]
+    pub fn of(
+        &mut self,
+        scene: &Scene,
+        receivers: &[Receiver],
+        among: Range<usize>,
+        finder: usize,
+        bundle: Bundle,
+        shadow_ray: impl Fn(&Receiver) -> Option<(Ray, f32)>,
+    ) -> &[usize] {
+        self.seeing.clear();
+        self.shadow_rays.clear();
+        for number in among {
+            let receiver = &receivers[number];
+            let Some(ray) = shadow_ray(receiver) else { continue };
+            self.seeing.push(number);
+            if receiver.path != finder {
+                self.shadow_rays.push(ray);
+            }
+        }
+        scene.may_be_occluded_many(&self.shadow_rays, bundle, &mut self.hidden);
+        let mut hidden = self.hidden.iter();
+        self.seeing.retain(|number| receivers[*number].path == finder || hidden.next() == Some(&false));
+        &self.seeing
     }
 }
 

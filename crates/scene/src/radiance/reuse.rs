@@ -14,7 +14,7 @@
 
 use super::CameraPath;
 use super::path::{Arrival, Next, Path, Transport};
-use super::receiver::{Receiver, Receivers};
+use super::receiver::{Receiver, Receivers, Sight, Way};
 use super::reuse_extent::{LightLevel, mean, within};
 use super::reuse_lamps::LampSample;
 use super::reuse_sky::SkySample;
@@ -39,16 +39,6 @@ const TYPICAL_ALBEDO: f32 = 0.4;
 /// Throughput by which roulette decides on the path of a donor, over that behind the donor: it serves many. Products of error and time by 0.5, 1, 2, 4 and 16, over those before it was the path's own throughput:
 /// classroom 0.89, 0.74, 0.60, 0.60, 0.67; staircase 0.91, 0.83, 0.82, 0.87, 0.97.
 const ROULETTE_THROUGHPUT: f32 = 2.0;
-
-/// A receiver that a donor faces.
-struct Faced {
-    /// Its number.
-    number: usize,
-    /// Unit direction towards the donor.
-    wi: Vec3,
-    /// Solid angle of an area at the donor, 1/m².
-    geometry: f32,
-}
 
 /// A surface that a path of the group found behind its receiver.
 struct Donor<'a> {
@@ -382,15 +372,11 @@ impl<'a> Transport<'a> {
 
     /// Adds what all donors bring to all receivers.
     fn lend<T: Divisible>(&self, receivers: &Receivers<'a>, donors: &mut [Donor<'a>], level: LightLevel, tallies: &mut [T]) {
-        let mut faced: Vec<Faced> = Vec::with_capacity(receivers.all.len());
-        let mut shadow_rays = Vec::with_capacity(receivers.all.len());
-        let mut hidden = Vec::with_capacity(receivers.all.len());
+        let mut sight = Sight::default();
         let mut lent = Vec::with_capacity(receivers.all.len());
         for donor in donors {
             let Ok(own) = receivers.all.binary_search_by_key(&donor.path, |receiver| receiver.path) else { continue };
             let own = &receivers.all[own];
-            faced.clear();
-            shadow_rays.clear();
             lent.clear();
             let part = |brightness| level.part_for_surface(brightness, donor.path, tallies.len());
             let of_donor = match donor.bsdf.is_none() {
@@ -399,37 +385,22 @@ impl<'a> Transport<'a> {
             };
             let jointly = if donor.further.is_some() { part(donor.further_brightness()) } else { of_donor.clone() };
             let either = within(&receivers.all, if jointly.len() > of_donor.len() { &jointly } else { &of_donor });
-            for number in either {
-                let receiver = &receivers.all[number];
-                if receiver.depth != own.depth {
-                    continue;
-                }
-                let to_donor = donor.surface.point - receiver.point;
-                let squared = to_donor.length_squared();
-                let wi = to_donor / squared.sqrt();
-                let facing = -wi.dot(donor.ng);
-                if !(facing > 0.0 && wi.dot(receiver.ng) > 0.0) {
-                    continue;
-                }
-                faced.push(Faced { number, wi, geometry: facing / squared });
-                if receiver.path != donor.path {
-                    shadow_rays.push(receiver.ray_to(donor.end));
-                }
-            }
-            self.scene.may_be_occluded_many(&shadow_rays, Bundle::Towards(donor.end), &mut hidden);
-            let mut hidden = hidden.iter();
+            let faces =
+                |receiver: &Receiver| receiver.depth == own.depth && receiver.way_to(donor.surface.point, donor.ng).is_some();
+            let shadow_ray = |receiver: &Receiver| faces(receiver).then(|| receiver.ray_to(donor.end));
+            let bundle = Bundle::Towards(donor.end);
+            let seeing = sight.of(self.scene, &receivers.all, either, donor.path, bundle, shadow_ray);
             // Of the donor, and of it and the direction in which its path went on.
             let (mut density, mut joint_density) = (0.0, 0.0);
-            for &Faced { number, wi, geometry } in &faced {
+            for &number in seeing {
                 let receiver = &receivers.all[number];
-                let is_own = receiver.path == donor.path;
-                if !is_own && hidden.next() != Some(&false) {
-                    continue;
-                }
+                let Some(Way { wi, geometry, .. }) = receiver.way_to(donor.surface.point, donor.ng) else { continue };
+                // Only where nothing hides it does the scattering function count: most of what it costs.
                 let (f, pdf) = receiver.eval(&receivers.bsdfs[number], wi);
                 if f == SampledSpectrum::ZERO {
                     continue;
                 }
+                let is_own = receiver.path == donor.path;
                 let (is_lent, is_lent_jointly) = (of_donor.contains(&receiver.path), jointly.contains(&receiver.path));
                 let (radiance, further) = match donor.further.is_none() && (is_own || donor.is_alike_from(-wi)) {
                     true => (donor.radiance, (SampledSpectrum::ZERO, 0.0)),

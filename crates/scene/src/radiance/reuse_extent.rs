@@ -15,8 +15,8 @@ const OF_SKY: f32 = 32.0;
 /// Fewest paths of a part.
 const FEWEST: usize = 8;
 
-/// Places on lamps bring so many times the direct light of a pixel, on the mean, before they are lent. Products of error and time over those without lending, for 0.5, 1 and 2 receivers to each pixel's direct
-/// light that a place brings (below a factor of 4 alone): bathroom 0.83, 0.82, 0.83, living room 2 0.90, 0.89, 0.87; lent to 8 always: Cornell box 1.02, a small mesh 1.15.
+/// Places on lamps are lent where they bring, on the mean, so many times the direct light of a pixel: as many receivers are reckoned with. Products of error and time with and without: bathroom 0.81 to 0.89, living room 2
+/// 0.90, Cornell box 0.90; lent to 8 everywhere: Cornell box 1.02, a small mesh 1.15.
 const FEWEST_OF_LAMPS: f32 = 4.0;
 
 /// Mean over the four wavelengths.

@@ -7,7 +7,7 @@
 //! Sources: Bekaert, Sbert & Halton 2002, "Accelerating Path Tracing by Re-Using Paths", EGWR; Veach 1997, §9.2 (balance heuristic).
 
 use super::path::{Path, Transport};
-use super::receiver::{Receiver, Receivers};
+use super::receiver::{Receiver, Receivers, Sight, Way};
 use super::reuse_extent::{LightLevel, within};
 use super::tally::Tally;
 use super::weights::squared_ratio;
@@ -36,6 +36,14 @@ pub(super) struct LampSample {
     pub own: SampledSpectrum,
 }
 
+impl LampSample {
+    /// A place by point and normal, which is seen from a receiver; its radiance, and what it brings to the receiver's own path.
+    fn new(receiver: &Receiver, light: u32, [point, normal]: [Vec3; 2], [radiance, own]: [SampledSpectrum; 2]) -> Self {
+        let &Receiver { path, depth, flash, .. } = receiver;
+        LampSample { path, depth, flash, light, point, end: offset_origin(point, normal), normal, radiance, own }
+    }
+}
+
 impl<'a> Transport<'a> {
     /// The light sample of a path at its receiver, where it is of a lamp with extent and nothing hides it: it is then no longer the path's own.
     pub fn take_lamp_sample<T: Tally>(&self, path: &mut Path<'a, T>, receiver: &Receiver) -> Option<LampSample> {
@@ -50,7 +58,7 @@ impl<'a> Transport<'a> {
         let normal = lamp.outer_normal(point);
         let normal = if normal.dot(light_sample.wi) > 0.0 { -normal } else { normal };
         let radiance = self.scene.incident_radiance(light_sample, &path.camera.wavelengths, path.ray.time_s);
-        let sample = self.lamp_sample(path, receiver, light, point, normal, radiance, own);
+        let sample = LampSample::new(receiver, light, [point, normal], [radiance, own]);
         let is_seen = !receiver.may_not_see(self.scene, sample.end);
         // What hides it may let it through: then it is the path's own.
         if is_seen || !self.scene.lets_some_light_through() {
@@ -74,37 +82,25 @@ impl<'a> Transport<'a> {
             return None;
         }
         let normal = if cos > 0.0 { -surface.ng } else { surface.ng };
-        let by_light = scene.lights().area_probability(receiver.point, receiver.ng, light, path.flash)
-            * scene.pdf_li(light, receiver.point, direction, surface.t, path.ray.time_s);
+        let by_light = self.light_sample_density(receiver, light, direction, surface.t);
         let radiance = emission.at(surface, &path.camera.wavelengths) * scene.modulation(material, path.ray.time_s);
         let own = path.throughput * radiance / (1.0 + squared_ratio(by_light, last.density));
-        let sample = self.lamp_sample(path, receiver, light, surface.point, normal, radiance, own);
+        let sample = LampSample::new(receiver, light, [surface.point, normal], [radiance, own]);
         // The path itself may have gone through a blended surface.
         let is_seen = !scene.has_blends() || !receiver.may_not_see(self.scene, sample.end);
         is_seen.then_some(sample)
     }
 
-    #[allow(clippy::too_many_arguments)]
-    fn lamp_sample<T: Tally>(
-        &self,
-        path: &Path<'a, T>,
-        receiver: &Receiver,
-        light: u32,
-        point: Vec3,
-        normal: Vec3,
-        radiance: SampledSpectrum,
-        own: SampledSpectrum,
-    ) -> LampSample {
-        let end = offset_origin(point, normal);
-        let (depth, flash) = (receiver.depth, path.flash);
-        LampSample { path: receiver.path, depth, flash, light, point, end, normal, radiance, own }
+    /// Density of the light samples of a receiver towards a point of an area light, 1/sr.
+    #[inline]
+    fn light_sample_density(&self, receiver: &Receiver, light: u32, wi: Vec3, distance: f32) -> f32 {
+        let chosen = self.scene.lights().area_probability(receiver.point, receiver.ng, light, receiver.flash);
+        chosen * self.scene.pdf_li(light, receiver.point, wi, distance, receiver.time_s)
     }
 
     /// Adds what places on lamps bring to the receivers that they are lent to.
     pub fn lend_lamps<T: Tally>(&self, receivers: &Receivers<'a>, samples: &[LampSample], level: LightLevel, tallies: &mut [T]) {
-        let mut facing: Vec<Facing> = Vec::with_capacity(receivers.all.len());
-        let mut shadow_rays = Vec::with_capacity(receivers.all.len());
-        let mut hidden = Vec::with_capacity(receivers.all.len());
+        let mut sight = Sight::default();
         // What of its radiance goes on for a density of 1/m² on the lamp.
         let mut lent: Vec<(&Receiver, SampledSpectrum)> = Vec::with_capacity(receivers.all.len());
         for sample in samples {
@@ -113,41 +109,23 @@ impl<'a> Transport<'a> {
                 tallies[sample.path].add(sample.own, sample.depth + 1);
                 continue;
             }
-            facing.clear();
-            shadow_rays.clear();
             lent.clear();
-            for number in within(&receivers.all, &part) {
+            let faces = |receiver: &Receiver| {
+                receiver.depth == sample.depth
+                    && receiver.flash == sample.flash
+                    && receiver.way_to(sample.point, sample.normal).is_some()
+            };
+            let shadow_ray = |receiver: &Receiver| faces(receiver).then(|| receiver.ray_to(sample.end));
+            let (among, bundle) = (within(&receivers.all, &part), Bundle::Towards(sample.end));
+            let mut density = 0.0;
+            for &number in sight.of(self.scene, &receivers.all, among, sample.path, bundle, shadow_ray) {
                 let receiver = &receivers.all[number];
-                if receiver.depth != sample.depth || receiver.flash != sample.flash {
-                    continue;
-                }
-                let to_lamp = sample.point - receiver.point;
-                let squared = to_lamp.length_squared();
-                let distance = squared.sqrt();
-                let wi = to_lamp / distance;
-                let cos = -wi.dot(sample.normal);
-                if !(cos > 0.0 && wi.dot(receiver.ng) > 0.0) {
-                    continue;
-                }
-                facing.push(Facing { number, wi, distance, geometry: cos / squared });
-                if receiver.path != sample.path {
-                    shadow_rays.push(receiver.ray_to(sample.end));
-                }
-            }
-            self.scene.may_be_occluded_many(&shadow_rays, Bundle::Towards(sample.end), &mut hidden);
-            let (mut hidden, mut density) = (hidden.iter(), 0.0);
-            for &Facing { number, wi, distance, geometry } in &facing {
-                let receiver = &receivers.all[number];
-                if receiver.path != sample.path && hidden.next() != Some(&false) {
-                    continue;
-                }
+                let Some(Way { wi, distance, geometry }) = receiver.way_to(sample.point, sample.normal) else { continue };
                 let (f, pdf) = receiver.eval(&receivers.bsdfs[number], wi);
                 if f == SampledSpectrum::ZERO {
                     continue;
                 }
-                let chosen = self.scene.lights().area_probability(receiver.point, receiver.ng, sample.light, sample.flash);
-                let by_light = chosen * self.scene.pdf_li(sample.light, receiver.point, wi, distance, receiver.time_s);
-                density += (by_light + pdf) * geometry;
+                density += (self.light_sample_density(receiver, sample.light, wi, distance) + pdf) * geometry;
                 lent.push((receiver, receiver.throughput * f * geometry));
             }
             let radiance = sample.radiance / density;
@@ -159,16 +137,6 @@ impl<'a> Transport<'a> {
             }
         }
     }
-}
-
-/// A receiver, by its number, that faces a place on a lamp.
-struct Facing {
-    number: usize,
-    /// Unit direction towards the place, and how far it is, m.
-    wi: Vec3,
-    distance: f32,
-    /// Solid angle of an area at the lamp, 1/m².
-    geometry: f32,
 }
 
 /// Whether rays meet a lamp of a material wherever they come to it.

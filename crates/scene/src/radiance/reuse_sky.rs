@@ -8,7 +8,7 @@
 //! Sources: Bekaert, Sbert & Halton 2002, "Accelerating Path Tracing by Re-Using Paths", EGWR; Veach 1997, §9.2 (balance heuristic).
 
 use super::path::{Path, Transport};
-use super::receiver::{Receiver, Receivers};
+use super::receiver::{Receiver, Receivers, Sight};
 use super::reuse_extent::{LightLevel, mean, within};
 use super::tally::Tally;
 use crate::bvh::packet::Bundle;
@@ -75,33 +75,17 @@ impl<'a> Transport<'a> {
 
     /// Adds what samples of the environment bring to the receivers that they are lent to.
     pub fn lend_sky<T: Tally>(&self, receivers: &Receivers<'a>, samples: &[SkySample], level: LightLevel, tallies: &mut [T]) {
-        let mut facing: Vec<usize> = Vec::with_capacity(receivers.all.len());
-        let mut shadow_rays = Vec::with_capacity(receivers.all.len());
-        let mut hidden = Vec::with_capacity(receivers.all.len());
+        let mut sight = Sight::default();
         let mut lent: Vec<(&Receiver, SampledSpectrum)> = Vec::with_capacity(receivers.all.len());
         for sample in samples.iter().filter(|sample| sample.radiance != SampledSpectrum::ZERO) {
-            facing.clear();
-            shadow_rays.clear();
             lent.clear();
             let part = level.part_for_sky(sample.brightness(), sample.path, tallies.len());
-            for number in within(&receivers.all, &part) {
+            let faces = |receiver: &Receiver| receiver.depth == sample.depth && sample.wi.dot(receiver.ng) > 0.0;
+            let shadow_ray = |receiver: &Receiver| faces(receiver).then(|| receiver.ray_towards(sample.wi));
+            let (among, bundle) = (within(&receivers.all, &part), Bundle::Along(sample.wi));
+            let mut density = 0.0;
+            for &number in sight.of(self.scene, &receivers.all, among, sample.path, bundle, shadow_ray) {
                 let receiver = &receivers.all[number];
-                if receiver.depth != sample.depth || sample.wi.dot(receiver.ng) <= 0.0 {
-                    continue;
-                }
-                facing.push(number);
-                if receiver.path != sample.path {
-                    shadow_rays.push(receiver.ray_towards(sample.wi));
-                }
-            }
-            self.scene.may_be_occluded_many(&shadow_rays, Bundle::Along(sample.wi), &mut hidden);
-            // Only where nothing hides it does the scattering function count: most of what it costs.
-            let (mut hidden, mut density) = (hidden.iter(), 0.0);
-            for &number in &facing {
-                let receiver = &receivers.all[number];
-                if receiver.path != sample.path && hidden.next() != Some(&false) {
-                    continue;
-                }
                 let (f, pdf) = receiver.eval(&receivers.bsdfs[number], sample.wi);
                 if f == SampledSpectrum::ZERO {
                     continue;
