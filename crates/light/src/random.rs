@@ -58,6 +58,10 @@ pub enum Dimensions {
     Connection(u32),
     /// A direction near a light from the given vertex, and where on its way that light is scattered ([`Sampler::stream`]).
     Joint(u32),
+    /// What shines along specular lobes that were not chosen at the given vertex ([`Sampler::stream`]).
+    Splitting(u32),
+    /// How light that was sampled from the given vertex comes through glass ([`Sampler::stream`]).
+    Refracted(u32),
 }
 
 impl Dimensions {
@@ -75,6 +79,8 @@ impl Dimensions {
             Dimensions::Transmittance(vertex) => (7 << 24) + vertex,
             Dimensions::Connection(vertex) => (9 << 24) + vertex,
             Dimensions::Joint(vertex) => (10 << 24) + vertex,
+            Dimensions::Splitting(vertex) => (11 << 24) + vertex,
+            Dimensions::Refracted(vertex) => (12 << 24) + vertex,
         }
     }
 }

@@ -114,6 +114,11 @@ impl Medium {
         self.volume.is_none() && !self.is_subsurface && !self.scattering.is_none()
     }
 
+    /// Whether all it does is to absorb, the same everywhere.
+    pub(crate) fn only_absorbs(&self) -> bool {
+        self.volume.is_none() && self.emission.is_none() && self.scattering.is_none()
+    }
+
     /// One that only absorbs: white light has the colour after the distance (m, > 0), by the law of Beer and Lambert.
     pub fn tint(color: Sigmoid, distance_m: f32) -> Self {
         Medium { absorption: Coefficient::Tint { color, distance_m }, ..Medium::default() }

@@ -25,7 +25,9 @@ mod reuse;
 mod reuse_extent;
 mod reuse_lamps;
 mod reuse_sky;
+mod splitting;
 pub(crate) mod tally;
+mod through_glass;
 mod to_light;
 mod weights;
 

@@ -66,6 +66,11 @@ struct Built {
     has_straight_transmission: bool,
     /// Whether surfaces let rays through by chance.
     has_blends: bool,
+    /// Of each object whether it is a clear body that bends light.
+    is_clear_body: Vec<bool>,
+    has_clear_bodies: bool,
+    /// Whether media of bodies do no more than absorb.
+    media_only_absorb: bool,
     /// Whether a body may bend wavelengths differently.
     may_disperse: bool,
 }
@@ -277,6 +282,30 @@ impl Scene {
     /// Whether something may hide a light from a straight ray and yet let some of its light through.
     pub(crate) fn lets_some_light_through(&self) -> bool {
         self.built.has_straight_transmission || self.built.has_blends
+    }
+
+    /// Whether there are clear bodies that bend light, and nothing moves.
+    #[inline]
+    pub(crate) fn has_clear_bodies(&self) -> bool {
+        self.built.has_clear_bodies && self.posed.animated.is_empty()
+    }
+
+    /// Whether an object is a clear body that bends light.
+    #[inline]
+    pub(crate) fn is_clear_body(&self, object: u32) -> bool {
+        self.built.is_clear_body[object as usize]
+    }
+
+    /// Whether light may go through an object where a straight ray meets it.
+    #[inline]
+    pub(crate) fn may_pass(&self, object: u32) -> bool {
+        self.built.may_pass[object as usize]
+    }
+
+    /// Whether no medium scatters, shines, or differs from place to place.
+    #[inline]
+    pub(crate) fn media_only_absorb(&self) -> bool {
+        self.built.media_only_absorb && self.air.is_none()
     }
 
     /// Whether surfaces of some bodies let rays through by chance.

@@ -130,7 +130,7 @@ impl Emitters<'_> {
         let stream = || stream_along(p, light_sample.wi);
         let most = settings.max_depth;
         let shadow_ray =
-            scene.shadow_ray(&mut (), sent, p, origin, light_sample, medium_stack, wavelengths, time_s, most, stream);
+            scene.shadow_ray(&mut (), sent, p, origin, light_sample, medium_stack, None, wavelengths, time_s, most, stream);
         [shadow_ray.light, if shadow_ray.thin_dielectrics <= DIRECT_EVENTS { shadow_ray.light } else { SampledSpectrum::ZERO }]
     }
 }

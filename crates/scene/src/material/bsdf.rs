@@ -4,7 +4,7 @@ use super::coated::CoatedLobes;
 use super::conductor::ConductorLobe;
 use super::diffuse;
 use super::hair::HairLobes;
-use super::local_scatter::Breadth;
+use super::local_scatter::{Breadth, LocalScatter};
 use super::measured::MeasuredLobe;
 use super::polarization::Event;
 use super::principled::PrincipledLobes;
@@ -274,6 +274,20 @@ impl Bsdf<'_> {
             Lobes::Hair(lobes) => lobes.sample(u),
             Lobes::Measured(lobe) => lobe.sample(u),
         }?;
+        self.placed(s)
+    }
+
+    /// Specular lobes among which, and others, [`Bsdf::sample`] chooses, each with the probability of its choice as its density: of smooth dielectrics, alone or over a base.
+    pub(crate) fn specular_lobes(&self) -> [Option<Scatter>; 2] {
+        match &self.lobes {
+            Lobes::Principled(lobes) => lobes.specular(self.frame.wo).map(|lobe| self.placed(lobe?)),
+            _ => [None; 2],
+        }
+    }
+
+    /// In world space; `None` where it would be on the other side of the true surface, or brings nothing.
+    #[inline]
+    fn placed(&self, s: LocalScatter) -> Option<Scatter> {
         let [x, y, z] = self.frame.axes;
         let wi = x * s.wi.x + y * s.wi.y + z * s.wi.z;
         let transmitted = if self.is_fiber() { self.frame.ng.dot(wi) < 0.0 } else { s.wi.z < 0.0 };

@@ -84,6 +84,18 @@ pub enum Interior {
     Sides([Option<Arc<Medium>>; 2]),
 }
 
+impl Interior {
+    /// The media that it knows of.
+    pub(crate) fn media(&self) -> impl Iterator<Item = &Medium> {
+        let media: &[Option<Arc<Medium>>] = match self {
+            Interior::Same => &[],
+            Interior::Body { medium, .. } => std::slice::from_ref(medium),
+            Interior::Sides(sides) => sides,
+        };
+        media.iter().flatten().map(Arc::as_ref)
+    }
+}
+
 /// The families of scattering.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
@@ -479,6 +491,22 @@ impl Material {
             }
         }
         of(&self.scattering)
+    }
+
+    /// Whether parts of it may be mirrors or clear, beside what else it does.
+    pub(crate) fn may_be_specular(&self) -> bool {
+        match &self.scattering {
+            Scattering::Principled(p) => p.may_be_smooth(),
+            Scattering::Diffuse(_) | Scattering::Black => false,
+            _ => true,
+        }
+    }
+
+    /// Whether it is the surface of a body of clear glass: smooth everywhere, and light is bent on its way through.
+    pub(crate) fn is_clear_body(&self) -> bool {
+        matches!(&self.scattering, Scattering::Principled(p) if p.is_clear_body())
+            && matches!(self.coverage, Coverage::Full)
+            && self.emission.is_none()
     }
 
     /// Whether it is one of several materials at each point, by chance.

@@ -195,13 +195,22 @@ impl Principled {
         Principled { specular: Scalar::Constant(largest), specular_color, tinted: true, ..self }
     }
 
+    /// Whether it is the smooth surface of a body that light goes through.
+    pub(super) fn is_clear_body(&self) -> bool {
+        let smooth = matches!(self.roughness, Scalar::Constant(r) if r * r < SMOOTH);
+        !matches!(self.kind, Transmission::Thin) && smooth && !matches!(self.transmission, Scalar::Constant(t) if t <= 0.0)
+    }
+
+    /// Whether it may be smooth somewhere.
+    pub(super) fn may_be_smooth(&self) -> bool {
+        !matches!(self.roughness, Scalar::Constant(r) if r * r >= SMOOTH)
+    }
+
     /// Whether it may be a smooth thin dielectric that lets light through.
     pub(super) fn may_transmit_straight(&self) -> bool {
-        let smooth = match &self.roughness {
-            Scalar::Constant(r) => r * r < SMOOTH,
-            _ => true,
-        };
-        matches!(self.kind, Transmission::Thin) && smooth && !matches!(self.transmission, Scalar::Constant(t) if t <= 0.0)
+        matches!(self.kind, Transmission::Thin)
+            && self.may_be_smooth()
+            && !matches!(self.transmission, Scalar::Constant(t) if t <= 0.0)
     }
 
     /// A base whose light is thrown back at the interface from within, again and again: ρ (1 − F) / (n² (1 − ρ F')), F being what the interface

@@ -2,6 +2,7 @@
 
 use crate::light::LightSample;
 use crate::medium_stack::MediumStack;
+use crate::scene::Visibility;
 use diopter_light::SampledSpectrum;
 use glam::Vec3;
 
@@ -21,4 +22,6 @@ pub(super) struct LightConnection<V> {
     pub vertex: u32,
     pub depth: u32,
     pub tallied: V,
+    /// What is known of the straight line, if it was looked at.
+    pub visibility: Option<Visibility>,
 }

@@ -329,6 +329,7 @@ impl MediumSegment<'_> {
             point,
             light_sample,
             self.medium_stack,
+            None,
             self.wavelengths,
             self.ray.time_s,
             thin_dielectrics,

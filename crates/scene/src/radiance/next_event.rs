@@ -3,6 +3,7 @@
 use super::light_connection::LightConnection;
 use super::path::{Path, SurfaceVertex, Transport};
 use super::tally::Tally;
+use super::through_glass::Densities;
 use super::to_light::ShadowRay;
 use super::weights::squared_ratio;
 use crate::light_paths::LightVertices;
@@ -50,6 +51,10 @@ impl<'a> Transport<'a> {
         let weight = 1.0 / (1.0 + by_chance);
         let by_connection =
             camera_vertex.map_or(0.0, |(pool, here)| here.connection_ratio_to_light_sample(pool, light, &light_sample, density));
+        let visibility = match light_sample.has_extent && self.samples_light_through_glass(path) {
+            true => self.add_refracted_light(path, here, &light_sample, f, Densities { by_light: density, by_scattering: pdf }),
+            false => None,
+        };
         let incident = self.scene.incident_radiance(&light_sample, &path.camera.wavelengths, time_s);
         let contribution = path.throughput * f * incident * (weight / density);
         if contribution == SampledSpectrum::ZERO {
@@ -69,6 +74,7 @@ impl<'a> Transport<'a> {
             vertex,
             depth,
             tallied,
+            visibility,
         });
         Some(LightChoice { wi: light_sample.wi, has_extent: light_sample.has_extent })
     }
@@ -88,6 +94,7 @@ impl<'a> Transport<'a> {
             connection.origin,
             light_sample,
             connection.medium_stack,
+            connection.visibility,
             &camera.wavelengths,
             path.ray.time_s,
             self.settings.max_depth - depth - 1,

@@ -71,6 +71,12 @@ pub(super) struct Path<'a, T: Tally> {
     pub eta_scale: f32,
     /// Whether what shines at the next surface is not the path's own ([`super::reuse_lamps`]).
     pub leaves_out_emission: bool,
+    /// Fraction of what shines behind specular surfaces that it brings itself: the rest was looked at where it could have gone another way ([`super::splitting`]).
+    pub emission_fraction: f32,
+    /// The last place from which lights were sampled through clear bodies, and the unit direction from there to the first of these, after which it is bent ([`super::through_glass`]).
+    pub bent_after: Option<(PrevScatter, Vec3)>,
+    /// Whether it ends at the first surface that is not specular.
+    pub only_emission: bool,
 }
 
 impl<T: Tally> Path<'_, T> {
@@ -78,6 +84,32 @@ impl<T: Tally> Path<'_, T> {
     #[inline]
     pub fn depth(&self) -> u32 {
         self.vertex - self.subsurface_events
+    }
+
+    /// The same path once more, without light, to look for what shines behind specular surfaces.
+    pub fn fork(&self) -> Self {
+        Path {
+            tally: self.tally.fork(),
+            connection: None,
+            candidate_set: None,
+            leaves_out_emission: false,
+            emission_fraction: 1.0,
+            only_emission: true,
+            ..*self
+        }
+    }
+
+    /// A path that goes on from its vertex along a ray, scattered by a surface; what its light is multiplied by, and the bodies it is in.
+    pub fn scattered_along(self, ray: Ray, throughput: SampledSpectrum, medium_stack: MediumStack) -> Self {
+        let mut path = Path { ray, throughput, medium_stack, is_straight: false, last: None, bent_after: None, ..self };
+        path.vertex += 1;
+        path.cone.forget();
+        path
+    }
+
+    /// Lets Russian roulette judge by what it carries over what it carries now, and only after some vertices.
+    pub fn restart_roulette(&mut self, vertices: u32) {
+        (self.roulette_depth, self.eta_scale) = (self.vertex + vertices, 1.0 / self.throughput.max_element());
     }
 }
 
@@ -164,6 +196,9 @@ impl<'a> Transport<'a> {
             roulette_depth,
             eta_scale: 1.0,
             leaves_out_emission: false,
+            emission_fraction: 1.0,
+            bent_after: None,
+            only_emission: false,
         }
     }
 
@@ -236,6 +271,9 @@ impl<'a> Transport<'a> {
             self.see_emission(path, material, surface);
         }
         if path.depth() >= self.settings.max_depth {
+            return Next::Ended;
+        }
+        if path.only_emission && !material.may_be_specular() {
             return Next::Ended;
         }
         let wo = -path.ray.direction;
@@ -312,11 +350,14 @@ impl<'a> Transport<'a> {
         let (lights, wavelengths, direction) = (self.scene.lights(), &path.camera.wavelengths, path.ray.direction);
         let (last, flash, depth) = (path.last, path.flash, path.depth());
         if let Some(environment) = &lights.environment {
-            let weight = last.map_or(1.0, |l| {
-                let chosen = lights.environment_probability(l.point, l.normal, flash);
-                mis(l.density, chosen * environment.pdf(direction))
-            });
-            let light = path.throughput * environment.radiance(direction, wavelengths) * weight;
+            let weight = last.map_or_else(
+                || self.weight_beside_light_samples(path),
+                |l| {
+                    let chosen = lights.environment_probability(l.point, l.normal, flash);
+                    mis(l.density, chosen * environment.pdf(direction))
+                },
+            );
+            let light = path.throughput * environment.radiance(direction, wavelengths) * (weight * path.emission_fraction);
             path.tally.add_polarized(light, depth, || environment.polarization(direction));
         }
         self.see_discs(path);
@@ -334,13 +375,16 @@ impl<'a> Transport<'a> {
                 .light_paths
                 .photons
                 .map_or(SampledSpectrum::ONE, |p| p.punctual_emission_fraction(&path.suffix, number));
-            let weight = last.map_or(1.0, |l| {
-                let disc = LightRef::Punctual(number);
-                let connected = |pool| path.camera_subpath.connection_ratio_to_hit(pool, disc, direction, 1.0);
-                let connected = path.camera.light_paths.vertices.map_or(0.0, connected);
-                1.0 / (1.0 + squared_ratio(density, l.density) + connected)
-            });
-            path.tally.add(path.throughput * left * disc * weight, depth);
+            let weight = last.map_or_else(
+                || self.weight_beside_light_samples(path),
+                |l| {
+                    let disc = LightRef::Punctual(number);
+                    let connected = |pool| path.camera_subpath.connection_ratio_to_hit(pool, disc, direction, 1.0);
+                    let connected = path.camera.light_paths.vertices.map_or(0.0, connected);
+                    1.0 / (1.0 + squared_ratio(density, l.density) + connected)
+                },
+            );
+            path.tally.add(path.throughput * left * disc * (weight * path.emission_fraction), depth);
         }
     }
 
@@ -384,9 +428,10 @@ impl<'a> Transport<'a> {
                     }
                 }
             }
-            _ => 1.0,
+            _ => self.weight_beside_light_samples(path),
         };
-        let emitted = emission.at(surface, &path.camera.wavelengths) * (weight * scene.modulation(material, ray.time_s));
+        let emitted = emission.at(surface, &path.camera.wavelengths)
+            * (weight * path.emission_fraction * scene.modulation(material, ray.time_s));
         path.tally.add(path.throughput * left * emitted * counts, path.depth());
     }
 
@@ -483,7 +528,9 @@ impl<'a> Transport<'a> {
         camera_vertex: Option<&CameraVertex<'_, 'a>>,
         joint: Option<MediumId>,
     ) -> Next {
-        match here.bsdf.sample(u) {
+        let scatter = here.bsdf.sample(u);
+        self.look_along_other_lobes(path, here, scatter.as_ref());
+        match scatter {
             None => Next::Ended,
             Some(scatter) => self.go_along(path, here, scatter, u[3], camera_vertex, joint),
         }
@@ -510,6 +557,7 @@ impl<'a> Transport<'a> {
         let passes_straight = scatter.specular && scatter.transmitted && bsdf.straight_through().is_some();
         path.last = match scatter.specular {
             false => {
+                (path.emission_fraction, path.bent_after) = (1.0, None);
                 path.cone.scatter(scatter.pdf);
                 // A normal of 0 stands for media, too: there is no segment here.
                 if bsdf.is_fiber() {
@@ -521,6 +569,9 @@ impl<'a> Transport<'a> {
             // Light samples go through thin dielectrics, too.
             true if passes_straight => path.last.map(|l| PrevScatter { traveled: l.traveled + surface.t, ..l }),
             true => {
+                if let Some(last) = path.last {
+                    path.bent_after = self.light_was_sampled_through(path, surface).then_some((last, path.ray.direction));
+                }
                 path.cone.forget();
                 None
             }

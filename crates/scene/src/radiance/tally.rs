@@ -70,6 +70,12 @@ pub(super) trait Tally {
     #[inline]
     fn scatter(&mut self, _: &Bsdf, _wo: Vec3, _wi: Vec3, _specular: bool) {}
 
+    /// One without light for a way that divides here.
+    fn fork(&self) -> Self;
+
+    /// Adds what was found on such a way.
+    fn join(&mut self, fork: Self);
+
     /// Goes on behind one in a medium.
     #[inline]
     fn depolarize(&mut self) {}
@@ -90,6 +96,16 @@ impl Tally for SampledSpectrum {
     #[inline]
     fn add_by<R>(&mut self, _: u32, work: impl FnOnce(&mut SampledSpectrum) -> R) -> R {
         work(self)
+    }
+
+    #[inline]
+    fn fork(&self) -> Self {
+        SampledSpectrum::ZERO
+    }
+
+    #[inline]
+    fn join(&mut self, fork: Self) {
+        *self += fork;
     }
 }
 
@@ -149,6 +165,15 @@ impl Tally for DirectTally {
         }
         result
     }
+
+    fn fork(&self) -> Self {
+        Self::default()
+    }
+
+    fn join(&mut self, fork: Self) {
+        self.all += fork.all;
+        self.direct += fork.direct;
+    }
 }
 
 /// All light, and that of photons.
@@ -173,6 +198,15 @@ impl Tally for CausticTally {
     #[inline]
     fn add_by<R>(&mut self, _: u32, work: impl FnOnce(&mut SampledSpectrum) -> R) -> R {
         work(&mut self.all)
+    }
+
+    fn fork(&self) -> Self {
+        Self::default()
+    }
+
+    fn join(&mut self, fork: Self) {
+        self.all += fork.all;
+        self.gathered += fork.gathered;
     }
 
     #[inline]
@@ -272,6 +306,16 @@ impl Tally for Polarized {
         let event = bsdf.polarization(wi, specular);
         self.matrices = behind(&self.matrices, self.axis, &event, wo);
         self.axis = event.incoming;
+    }
+
+    fn fork(&self) -> Self {
+        Polarized { stokes: [Vec4::ZERO; 4], ..*self }
+    }
+
+    fn join(&mut self, fork: Self) {
+        for (stokes, more) in self.stokes.iter_mut().zip(fork.stokes) {
+            *stokes += more;
+        }
     }
 
     fn depolarize(&mut self) {

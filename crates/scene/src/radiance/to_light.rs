@@ -32,10 +32,11 @@ impl Scene {
         stream: impl Fn() -> Stream,
     ) -> SampledSpectrum {
         let stack = medium_stack;
-        self.shadow_ray(&mut (), light, point, origin, light_sample, stack, wavelengths, time_s, thin_dielectrics, stream).light
+        self.shadow_ray(&mut (), light, point, origin, light_sample, stack, None, wavelengths, time_s, thin_dielectrics, stream)
+            .light
     }
 
-    /// The same, and what was on the way.
+    /// The same, and what was on the way; `known`: what is known already of the line from its start.
     #[allow(clippy::too_many_arguments)]
     pub(crate) fn shadow_ray(
         &self,
@@ -45,6 +46,7 @@ impl Scene {
         mut origin: Vec3,
         light_sample: &LightSample,
         mut medium_stack: MediumStack,
+        mut known: Option<Visibility>,
         wavelengths: &SampledWavelengths,
         time_s: f32,
         mut thin_dielectrics: u32,
@@ -56,28 +58,21 @@ impl Scene {
         if light == SampledSpectrum::ZERO {
             return nothing;
         }
-        let end = point + light_sample.wi * light_sample.distance;
         let mut left = light;
         // One stream for all media on the way.
         let mut numbers = None;
         for _ in 0..MAX_INTERFACES {
-            // The start was moved off its surface: look at the same place of the lamp from there, and end before the lamp itself.
-            let (direction, reach) = match light_sample.distance.is_finite() {
-                true => {
-                    let to = end - origin;
-                    let distance = to.length();
-                    if distance <= light_sample.clearance {
-                        return ShadowRay { light: left, is_blocked, thin_dielectrics: most - thin_dielectrics };
-                    }
-                    (to / distance, distance - light_sample.clearance)
-                }
-                false => (light_sample.wi, f32::INFINITY),
+            let Some((ray, reach)) = shadow_segment(point, origin, light_sample, time_s) else {
+                return ShadowRay { light: left, is_blocked, thin_dielectrics: most - thin_dielectrics };
             };
-            let ray = Ray { origin, direction, time_s };
+            let direction = ray.direction;
+            let known = known.take();
             let face = match self.has_straight_transmission() {
-                false if self.occluded(&ray, reach) => return nothing,
+                false if known.map_or_else(|| self.occluded(&ray, reach), |known| known != Visibility::Unoccluded) => {
+                    return nothing;
+                }
                 false => None,
-                true => match self.visibility(&ray, reach) {
+                true => match known.unwrap_or_else(|| self.visibility(&ray, reach)) {
                     Visibility::Occluded => return nothing,
                     Visibility::Unoccluded => None,
                     Visibility::Unknown => self.intersect(&ray, reach),
@@ -114,6 +109,19 @@ impl Scene {
         }
         nothing
     }
+}
+
+/// The ray from `origin` towards the place of a light that was sampled from `point`, and how far it goes, m: the start was moved off its surface, and it ends before the lamp
+/// itself. `None` where the start lies there already.
+#[inline]
+pub(super) fn shadow_segment(point: Vec3, origin: Vec3, light_sample: &LightSample, time_s: f32) -> Option<(Ray, f32)> {
+    if !light_sample.distance.is_finite() {
+        return Some((Ray { origin, direction: light_sample.wi, time_s }, f32::INFINITY));
+    }
+    let to = point + light_sample.wi * light_sample.distance - origin;
+    let distance = to.length();
+    let reach = distance - light_sample.clearance;
+    (reach > 0.0).then(|| (Ray { origin, direction: to / distance, time_s }, reach))
 }
 
 /// What a shadow ray leaves of light that was sampled.

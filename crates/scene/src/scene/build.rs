@@ -11,6 +11,7 @@ use crate::bvh::{Bounds, Bvh, Primitive, Primitives};
 use crate::light::Lights;
 use crate::material::pictures::Filtering;
 use crate::material::{Coverage, Material};
+use crate::medium::Medium;
 use crate::motion::Motion;
 use crate::shape::Mesh;
 use crate::shape::curves::CurvePieces;
@@ -123,10 +124,14 @@ impl Scene {
         let is_blended = |o: &Object| matches!(d.materials[o.material as usize].coverage, Coverage::Blend(_));
         let may_pass = |o: &Object| {
             let by_chance = is_blended(o) || matches!(o.shape, Shape::Splats { .. });
-            by_chance || d.materials[o.material as usize].may_transmit_straight()
+            let material = &d.materials[o.material as usize];
+            by_chance || material.may_transmit_straight() || material.is_clear_body()
         };
         let may_pass = d.objects.iter().map(may_pass).collect();
+        let is_clear_body: Vec<bool> = d.objects.iter().map(|o| d.materials[o.material as usize].is_clear_body()).collect();
+        let has_clear_bodies = is_clear_body.contains(&true);
         let has_blends = d.objects.iter().any(is_blended);
+        let media_only_absorb = d.materials.iter().flat_map(|m| m.interior.media()).all(Medium::only_absorbs);
         let may_disperse = d.objects.iter().any(|o| d.materials[o.material as usize].may_disperse());
         let built = Built {
             top,
@@ -139,8 +144,11 @@ impl Scene {
             light_of,
             light_motions,
             may_pass,
+            is_clear_body,
+            has_clear_bodies,
             has_straight_transmission,
             has_blends,
+            media_only_absorb,
             may_disperse,
         };
         let mut scene = Scene {
@@ -159,7 +167,7 @@ impl Scene {
 
 /// Whether triangles of a material are asked about when they are hit: holes, and what shadow rays may go through.
 fn lets_some_through(material: &Material) -> bool {
-    !matches!(material.coverage, Coverage::Full) || material.may_transmit_straight()
+    !matches!(material.coverage, Coverage::Full) || material.may_transmit_straight() || material.is_clear_body()
 }
 
 struct MeshPrimitives<'a> {

@@ -2,6 +2,7 @@
 
 mod bidirectional;
 mod caustics;
+mod clear_glass;
 mod common;
 mod damaged_files;
 mod direct;

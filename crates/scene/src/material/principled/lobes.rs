@@ -388,17 +388,45 @@ impl<'a> PrincipledLobes<'a> {
         (f / (self.bend * self.bend), pdf, cos_o)
     }
 
+    /// The lobes of a smooth surface that are specular: what it mirrors and what it lets through, each with the probability of its choice.
+    pub(in crate::material) fn specular(&self, wo: Vec3) -> [Option<LocalScatter>; 2] {
+        let [p_specular, _, p_transmission, ..] = self.seen.choice;
+        let of = |probability: f32| self.smooth() && probability > 0.0;
+        [of(p_specular).then(|| self.mirror(wo)), if of(p_transmission) { self.clear(wo) } else { None }]
+    }
+
+    /// What a smooth surface mirrors.
+    #[inline]
+    fn mirror(&self, wo: Vec3) -> LocalScatter {
+        let (view, wi) = (&self.seen, Vec3::new(-wo.x, -wo.y, wo.z));
+        let probability = view.choice[0];
+        let weight = self.facet_reflectance(view, wo.z) * (self.sheen_transmittance(wo, wi) / probability);
+        LocalScatter { wi, weight, pdf: probability, specular: true, disperses: false }
+    }
+
+    /// What a smooth surface lets through; `None` where all is reflected.
+    #[inline]
+    fn clear(&self, wo: Vec3) -> Option<LocalScatter> {
+        let view = &self.seen;
+        let probability = view.choice[2];
+        let (wi, scale) = match self.solid {
+            true => (refract(wo, Vec3::Z, self.bend)?, 1.0 / (self.bend * self.bend)),
+            false => (-wo, 1.0),
+        };
+        let amount = view.below_coat * (1.0 - self.metallic) * self.transmission;
+        let fraction = (SampledSpectrum::ONE - self.dielectric(wo.z)) * (amount * self.sheen_transmittance(wo, wi) / probability);
+        let disperses = self.dispersive && self.solid;
+        Some(LocalScatter { wi, weight: self.base * fraction * scale, pdf: probability, specular: true, disperses })
+    }
+
     pub(in crate::material) fn sample(&self, wo: Vec3, u: [f32; 4]) -> Option<LocalScatter> {
         let view = &self.seen;
         let [p_specular, p_diffuse, p_transmission, p_coat, _] = view.choice;
-        let amount = view.below_coat * (1.0 - self.metallic) * self.transmission;
         let direction = [u[0], u[1]];
         let mut disperses = false;
         let wi = if u[2] < p_specular {
             if self.smooth() {
-                let wi = Vec3::new(-wo.x, -wo.y, wo.z);
-                let weight = self.facet_reflectance(view, wo.z) * (self.sheen_transmittance(wo, wi) / p_specular);
-                return Some(LocalScatter { wi, weight, pdf: p_specular, specular: true, disperses });
+                return Some(self.mirror(wo));
             }
             let h = self.facets.sample_visible(wo, direction);
             if u[2] < p_specular * self.reflection_probability(view, wo.dot(h)) {
@@ -411,20 +439,7 @@ impl<'a> PrincipledLobes<'a> {
             sampling::cosine_hemisphere(direction)
         } else if u[2] < p_specular + p_diffuse + p_transmission {
             if self.smooth() {
-                disperses = self.dispersive && self.solid;
-                let (wi, scale) = match self.solid {
-                    true => (refract(wo, Vec3::Z, self.bend)?, 1.0 / (self.bend * self.bend)),
-                    false => (-wo, 1.0),
-                };
-                let fraction =
-                    (SampledSpectrum::ONE - self.dielectric(wo.z)) * (amount * self.sheen_transmittance(wo, wi) / p_transmission);
-                return Some(LocalScatter {
-                    wi,
-                    weight: self.base * fraction * scale,
-                    pdf: p_transmission,
-                    specular: true,
-                    disperses,
-                });
+                return self.clear(wo);
             }
             let wi = above(reflect(wo, self.facets.sample_visible(wo, direction)))?;
             Vec3::new(wi.x, wi.y, -wi.z)

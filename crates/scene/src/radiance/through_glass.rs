@@ -1,0 +1,129 @@
+//! Next-event estimation through clear bodies of glass.
+//!
+//! The straight line to a light sample ends at a body of glass, beyond which the way is bent. Yet panes, bulbs, bottles and pots are thin: who looks at a lamp through their walls sees it about where it is. Where nothing but such bodies
+//! stands on the line, the ray towards the sample is followed as the glass bends it, over specular surfaces alone, and brings what shines where it comes out: a light sample is then a density of directions, one that is large where
+//! lamps are. Scattered rays find the same light: both are weighted by multiple importance sampling (power heuristic, Veach 1997, §9.2) by their densities of the direction at the vertex, which all later choices have in common. For
+//! the scattered ray the density of the light sample is that of the first lamp along the straight line. Unbiased whatever the shape of the glass; where it bends light far away it helps little.
+//!
+//! Not for what moves, in media that scatter, nor beside light paths, which find such light themselves. Measured: `docs/decisions/clear-glass.md`.
+
+use super::path::{Path, SurfaceVertex, Transport};
+use super::prev_scatter::PrevScatter;
+use super::tally::Tally;
+use super::to_light::{MAX_INTERFACES, origin_behind, shadow_segment};
+use super::weights::squared_ratio;
+use crate::light::LightSample;
+use crate::scene::Visibility;
+use crate::shape::{Surface, offset_origin};
+use diopter_light::random::Dimensions;
+use diopter_light::{Ray, SampledSpectrum};
+use glam::Vec3;
+
+/// Surfaces behind which Russian roulette may end a way.
+const ROULETTE_AFTER: u32 = 5;
+
+/// A light sample by its densities, 1/sr: its own, the choice of the light included, and that of a scattered ray.
+#[derive(Clone, Copy)]
+pub(super) struct Densities {
+    pub by_light: f32,
+    pub by_scattering: f32,
+}
+
+impl<'a> Transport<'a> {
+    /// Whether lights are sampled through clear bodies from the vertices of a path.
+    #[inline]
+    pub fn samples_light_through_glass<T: Tally>(&self, path: &Path<'a, T>) -> bool {
+        let light_paths = &path.camera.light_paths;
+        self.scene.has_clear_bodies()
+            && self.scene.media_only_absorb()
+            && light_paths.photons.is_none()
+            && light_paths.vertices.is_none()
+    }
+
+    /// Whether they were from the last vertex of a path along its ray, which meets a surface.
+    #[inline]
+    pub fn light_was_sampled_through<T: Tally>(&self, path: &Path<'a, T>, surface: &Surface) -> bool {
+        self.samples_light_through_glass(path)
+            && self.scene.is_clear_body(surface.object)
+            && path.last.is_some_and(|last| last.traveled == 0.0)
+    }
+
+    /// Adds what comes along a light sample that is bent; `f`: f cos θ of its direction. What is known of the straight line, for its shadow ray.
+    #[inline(never)]
+    pub fn add_refracted_light<T: Tally>(
+        &self,
+        path: &mut Path<'a, T>,
+        here: &SurfaceVertex<'_, 'a>,
+        light_sample: &LightSample,
+        f: SampledSpectrum,
+        densities: Densities,
+    ) -> Option<Visibility> {
+        let (scene, point, wi) = (self.scene, here.surface.point, light_sample.wi);
+        let (origin, medium_stack) = here.leave(scene, path.medium_stack, wi);
+        let (ray, reach) = shadow_segment(point, origin, light_sample, path.ray.time_s)?;
+        let visibility = scene.visibility(&ray, reach);
+        if visibility != Visibility::Unknown {
+            return Some(visibility);
+        }
+        // Of a surface that is hidden by a stronger body around it nobody takes notice.
+        let is_seen = |hit: &Surface| !medium_stack.hides(scene, hit.object, hit.ng.dot(ray.direction) < 0.0);
+        let bends = |hit: &Surface| scene.is_clear_body(hit.object) && is_seen(hit);
+        let Some(mut hit) = scene.intersect(&ray, reach).filter(bends) else { return Some(visibility) };
+        let Densities { by_light, by_scattering } = densities;
+        let by_others = squared_ratio(by_scattering, by_light);
+        let ratios = match light_sample.distance.is_finite() {
+            true => 1.0 + by_others,
+            // Of all that shines from infinity in the direction.
+            false => by_others + self.infinite_light_ratio(path, (point, here.bsdf.light_normal()), wi, by_light),
+        };
+        let throughput = path.throughput * f / (by_light * ratios);
+        let mut way = path.fork().scattered_along(ray, throughput, medium_stack);
+        way.tally.scatter(here.bsdf, here.wo, wi, false);
+        way.restart_roulette(ROULETTE_AFTER);
+        let mut stream = path.camera.sampler.stream(Dimensions::Refracted(path.vertex));
+        let next = self.pass_specular(&mut way, Some(&mut hit), &mut stream);
+        self.follow_specular(&mut way, next, &mut stream);
+        path.tally.join(way.tally);
+        Some(visibility)
+    }
+
+    /// Weight of what a path meets that shines, where its last vertex is no place from which lights were sampled straight: below 1 where they were sampled through glass.
+    #[inline]
+    pub fn weight_beside_light_samples<T: Tally>(&self, path: &Path<'a, T>) -> f32 {
+        path.bent_after.map_or(1.0, |(last, direction)| 1.0 / (1.0 + self.straight_light_ratio(path, &last, direction)))
+    }
+
+    /// Squared density of light samples in a direction over that of the scattered ray, where only glass stands before the light; else 0.
+    #[inline(never)]
+    fn straight_light_ratio<T: Tally>(&self, path: &Path<'a, T>, last: &PrevScatter, direction: Vec3) -> f32 {
+        let (scene, &PrevScatter { point, normal, density, .. }) = (self.scene, last);
+        let side = if normal.dot(direction) < 0.0 { -normal } else { normal };
+        let mut ray = Ray { origin: offset_origin(point, side), direction, time_s: path.ray.time_s };
+        for _ in 0..MAX_INTERFACES {
+            let Some(hit) = scene.intersect(&ray, f32::INFINITY) else {
+                return self.infinite_light_ratio(path, (point, normal), direction, density);
+            };
+            if scene.may_pass(hit.object) {
+                ray.origin = origin_behind(&hit, direction);
+                continue;
+            }
+            let emission = scene.material(hit.object).emission.as_ref();
+            let faces = emission.is_some_and(|emission| emission.two_sided || hit.ng.dot(direction) < 0.0);
+            let Some(light) = scene.light_at(&hit).filter(|_| faces) else { return 0.0 };
+            let chosen = scene.lights().area_probability(point, normal, light, path.flash);
+            return squared_ratio(chosen * scene.pdf_li(light, point, direction, hit.point.distance(point), ray.time_s), density);
+        }
+        0.0
+    }
+
+    /// Sum of the squared densities of all light samples from infinity in a direction, seen from a point under a normal, over that of another technique.
+    fn infinite_light_ratio<T: Tally>(&self, path: &Path<'a, T>, from: (Vec3, Vec3), direction: Vec3, density: f32) -> f32 {
+        let lights = self.scene.lights();
+        let environment = lights
+            .environment
+            .as_ref()
+            .map_or(0.0, |environment| lights.environment_probability(from.0, from.1, path.flash) * environment.pdf(direction));
+        let discs = lights.discs(direction, Some(from), &path.camera.wavelengths, path.flash);
+        squared_ratio(environment, density) + discs.map(|(_, _, disc)| squared_ratio(disc, density)).sum::<f32>()
+    }
+}

@@ -1,0 +1,143 @@
+//! What is seen in and through clear glass: other ways of a path, and light samples that are bent.
+
+use crate::common::{DEEP, assert_within, mean};
+use diopter_light::Spectrum;
+use diopter_scene::light::{Punctual, PunctualKind};
+use diopter_scene::material::{Emission, EmissionColor, Material, Principled, Scattering, Transmission};
+use diopter_scene::shape::{Quad, Sphere};
+use diopter_scene::texture::{Color, Scalar};
+use diopter_scene::{Description, Object, Scene, Shape};
+use glam::Vec3;
+
+/// Materials of all scenes here.
+const FLOOR: u32 = 0;
+const LAMP: u32 = 1;
+const GLASS: u32 = 2;
+const VARNISH: u32 = 3;
+const DIM: u32 = 4;
+
+fn emitter(rgb: f32) -> Material {
+    let emission = Emission {
+        radiance: EmissionColor::Constant(Spectrum::light_from_rgb(Vec3::splat(rgb))),
+        two_sided: true,
+        is_light: true,
+        modulation: Default::default(),
+    };
+    Material { emission: Some(emission), ..Material::new("lamp", Scattering::Black) }
+}
+
+fn materials(albedo: f32) -> Vec<Material> {
+    let grey = |v| Color::rgb(v, v, v);
+    let mut glass = Principled::new(grey(1.0), 1.5);
+    (glass.transmission, glass.roughness, glass.kind) = (Scalar::Constant(1.0), Scalar::Constant(0.0), Transmission::Solid);
+    let mut varnish = Principled::new(grey(0.0), 1.5);
+    varnish.roughness = Scalar::Constant(0.0);
+    let principled = |name: &str, p| Material::new(name, Scattering::Principled(Box::new(p)));
+    let floor = Material::new("floor", Scattering::Diffuse(grey(albedo)));
+    vec![floor, emitter(1.0), principled("glass", glass), principled("varnish", varnish), emitter(0.25)]
+}
+
+/// A square `2 half` wide at a height, facing up or down.
+fn level(name: &str, height: f32, half: f32, up: bool, material: u32) -> Object {
+    let [first, second] = if up { [Vec3::Z, Vec3::X] } else { [Vec3::X, Vec3::Z] };
+    let quad = Quad { corner: Vec3::new(-half, height, -half), edges: [first * 2.0 * half, second * 2.0 * half] };
+    Object::new(name, Shape::Quad(quad), material)
+}
+
+/// A pane between two heights.
+fn pane(from: f32, to: f32, half: f32) -> [Object; 2] {
+    [level("below", from, half, false, GLASS), level("above", to, half, true, GLASS)]
+}
+
+fn ball(center: Vec3, radius: f32, material: u32) -> Object {
+    Object::new("ball", Shape::Sphere(Sphere { center, radius }), material)
+}
+
+/// Fresnel, unpolarised, from the thinner side of an index of 1.5.
+fn fresnel(cos: f64) -> f64 {
+    let t = (1.0 - (1.0 - cos * cos) / 2.25).sqrt();
+    let (s, p) = ((cos - 1.5 * t) / (cos + 1.5 * t), (1.5 * cos - t) / (1.5 * cos + t));
+    0.5 * (s * s + p * p)
+}
+
+#[test]
+fn a_lamp_mirrored_in_varnish_is_seen_by_every_sample() {
+    let objects = vec![level("floor", 0.0, 50.0, true, VARNISH), level("lamp", 1.0, 50.0, false, LAMP)];
+    let scene = Scene::build(Description { materials: materials(0.5), objects, ..Default::default() }).unwrap();
+    let towards = Vec3::new(1.0, -0.5, 0.0).normalize();
+    let (found, error) = mean(&scene, Vec3::new(0.0, 0.5, 0.0), towards, 64, &DEEP);
+    let expected = fresnel(f64::from(-towards.y));
+    assert!(found.iter().all(|l| (l / expected - 1.0).abs() < 1e-4), "{found:?} {expected}");
+    // The varnish is chosen by chance, and what it shows is not.
+    assert!(error.iter().all(|e| *e < 1e-4 * expected), "{error:?}");
+}
+
+#[test]
+fn a_pane_shows_what_is_before_and_behind_it_with_little_noise() {
+    // Bright above, dim below, seen from above: (2 r / (1 + r)) of the one, the rest of the other.
+    let mut objects = vec![level("bright", 2.0, 200.0, false, LAMP), level("dim", -2.0, 200.0, true, DIM)];
+    objects.extend(pane(0.0, 0.01, 200.0));
+    let scene = Scene::build(Description { materials: materials(0.5), objects, ..Default::default() }).unwrap();
+    for down in [1.0f32, 0.5, 0.25] {
+        let towards = Vec3::new(1.0, -down, 0.0).normalize();
+        let n = 1024;
+        let (found, error) = mean(&scene, Vec3::new(0.0, 0.5, 0.0), towards, n, &DEEP);
+        let r = fresnel(f64::from(-towards.y));
+        let mirrored = 2.0 * r / (1.0 + r);
+        assert_within((found, error), [mirrored + 0.25 * (1.0 - mirrored); 4], 1e-4, "pane");
+        // A choice by chance between both ways has a standard deviation of this; what goes to and fro within the pane is left, and that faint ways are followed by chance.
+        let by_chance = 0.75 * (mirrored * (1.0 - mirrored)).sqrt();
+        let deviation = error[0] * f64::from(n).sqrt();
+        assert!(deviation < 0.5 * by_chance, "{down}: {deviation} {by_chance}");
+    }
+}
+
+#[test]
+fn the_sun_comes_through_a_pane() {
+    // A pane turns no direction: what the sun brings to the floor is less by what both faces mirror. By chance one path in some ten thousand would meet it.
+    let (half_angle, direction) = (0.00465, Vec3::new(0.5, -(0.75f32.sqrt()), 0.0));
+    let sun = Punctual::new("sun", Spectrum::light_from_rgb(Vec3::splat(2.0)), PunctualKind::Disc { direction, half_angle });
+    let mut objects = vec![level("floor", 0.0, 500.0, true, FLOOR)];
+    objects.extend(pane(1.0, 1.1, 500.0));
+    let description = Description { materials: materials(0.5), objects, punctual: vec![sun], ..Default::default() };
+    let scene = Scene::build(description).unwrap();
+    let cos = f64::from(-direction.y);
+    let passed = |cos: f64| 1.0 - 2.0 * fresnel(cos) / (1.0 + fresnel(cos));
+    // The pane throws a part of what the floor reflects back to it: of diffuse light 2 ∫ ρ(cos) cos dcos.
+    let back: f64 = (0..1000).map(|i| (i as f64 + 0.5) / 1000.0).map(|cos| 2e-3 * (1.0 - passed(cos)) * cos).sum();
+    let expected = 2.0 * cos * passed(cos) / std::f64::consts::PI * 0.5 / (1.0 - 0.5 * back);
+    let (found, error) = mean(&scene, Vec3::new(0.0, 0.5, 0.0), Vec3::new(0.2, -1.0, 0.1), 8192, &DEEP);
+    assert_within((found, error), [expected; 4], 2e-3, "sun");
+    assert!(error[0] < 0.02 * expected, "{} {expected}", error[0]);
+}
+
+#[test]
+fn light_through_glass_is_counted_once() {
+    // A white floor among walls that shine alike, bodies of clear glass above it: it looks as the walls do, by light samples straight and bent and by scattered rays together. A ball bends far,
+    // a pane hardly, a lamp within a bulb is seen from all sides.
+    let mut materials = materials(1.0);
+    materials[LAMP as usize] = emitter(1.0);
+    let walls = [level("floor", 0.0, 4.0, true, FLOOR), level("ceiling", 4.0, 4.0, false, LAMP)];
+    let side = |corner: Vec3, along: Vec3| {
+        let quad = Quad { corner, edges: [along, Vec3::Y * 4.0] };
+        Object::new("wall", Shape::Quad(quad), LAMP)
+    };
+    let sides = [
+        side(Vec3::new(-4.0, 0.0, -4.0), Vec3::X * 8.0),
+        side(Vec3::new(-4.0, 0.0, 4.0), Vec3::X * 8.0),
+        side(Vec3::new(-4.0, 0.0, -4.0), Vec3::Z * 8.0),
+        side(Vec3::new(4.0, 0.0, -4.0), Vec3::Z * 8.0),
+    ];
+    let lamp = ball(Vec3::new(1.2, 0.6, 0.0), 0.1, LAMP);
+    for (what, glass) in [
+        ("ball", vec![ball(Vec3::new(0.0, 0.8, 0.3), 0.7, GLASS)]),
+        ("pane", pane(0.5, 0.6, 3.9).to_vec()),
+        ("balls", vec![ball(Vec3::new(0.0, 0.8, 0.3), 0.7, GLASS), ball(Vec3::new(-1.0, 1.0, 1.0), 0.6, GLASS), lamp]),
+    ] {
+        let objects = walls.iter().chain(&sides).cloned().chain(glass).collect();
+        let scene = Scene::build(Description { materials: materials.clone(), objects, ..Default::default() }).unwrap();
+        let (found, error) = mean(&scene, Vec3::new(-0.4, 0.2, -1.0), Vec3::new(0.3, -0.2, 1.0), 1 << 14, &DEEP);
+        assert_within((found, error), [1.0; 4], 2e-3, what);
+        assert!(error[0] < 0.01, "{what}: {}", error[0]);
+    }
+}
