@@ -586,11 +586,11 @@ impl<'a> Transport<'a> {
                 true => path.suffix.bend(photons.casts(surface.object)),
             }
         }
-        if let Some(camera_vertex) = camera_vertex {
-            path.camera_subpath = match passes_straight {
-                true if bsdf.is_specular() => path.camera_subpath.through_thin_dielectric(),
-                true => CameraSubpath::NONE,
-                false => camera_vertex.scattered(&scatter),
+        if path.camera.light_paths.vertices.is_some() {
+            path.camera_subpath = match camera_vertex {
+                _ if passes_straight && bsdf.is_specular() => path.camera_subpath.through_thin_dielectric(),
+                Some(camera_vertex) if !passes_straight => camera_vertex.scattered(&scatter),
+                _ => CameraSubpath::NONE,
             };
         }
         let Scatter { wi, transmitted, .. } = scatter;
