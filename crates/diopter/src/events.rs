@@ -92,16 +92,23 @@ fn wrong(what: &'static str, found: impl ToString, expected: &str) -> ShotError 
 fn momentary(file: &ShotFile, film: &EventFilm) -> Result<ShotFile, ShotError> {
     let mut file = file.clone();
     let e = &file.exposure;
-    if e.shutter.is_some() || e.mode.is_some() || e.iso.is_some() || file.shutter != Default::default() {
-        let expected = "no exposure time, mode, ISO speed or shutter: an event sensor has none; its aperture, ND filter and lens say how much light there is";
-        return Err(wrong("exposure", "a setting of cameras that take frames", expected));
+    let of_frames = [
+        ("--shutter", e.shutter.is_some()),
+        ("--mode", e.mode.is_some()),
+        ("--iso, --iso-min or --iso-max", e.iso.is_some() || e.iso_min.is_some() || e.iso_max.is_some()),
+        ("--slowest", e.slowest.is_some()),
+        ("--metering", e.metering.is_some() || e.metering_at.is_some()),
+        ("--compensation", e.compensation.is_some()),
+        ("a shutter of its own", file.shutter != Default::default()),
+    ];
+    if let Some((what, _)) = of_frames.iter().find(|(_, is_set)| *is_set) {
+        let expected = "none of the settings of cameras that take frames: an event sensor has no exposure time, meter or ISO speed; its aperture, ND filter and lens say how much light there is";
+        return Err(wrong("exposure", what, expected));
     }
-    if file.flash.is_some() || file.sequence != Default::default() || e.lens_cap {
-        return Err(wrong(
-            "shot",
-            "a flash, a sequence or a lens cap",
-            "none of them: --duration says how long events are taken",
-        ));
+    let not_taken =
+        [("a flash", file.flash.is_some()), ("a sequence", file.sequence != Default::default()), ("a lens cap", e.lens_cap)];
+    if let Some((what, _)) = not_taken.iter().find(|(_, is_set)| *is_set) {
+        return Err(wrong("events", what, "none: --duration says how long events are taken"));
     }
     if file.camera.body.is_some() || file.camera.calibration.is_some() {
         return Err(wrong(

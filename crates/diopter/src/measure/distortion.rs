@@ -180,20 +180,29 @@ fn islands(plane: &Plane) -> Vec<[f64; 2]> {
     dots
 }
 
-/// Centroid of what stands out within the bounds of a dot and some pixels around it.
+/// Centroid of what stands out within the bounds of a dot and some pixels around it. Light that falls off over the picture would pull it: the ground is a plane, and dark dots are what they
+/// take from it.
 fn centroid(values: &[f64], [width, height]: [usize; 2], b: [usize; 4], light: bool) -> [f64; 2] {
     let margin = 2 + (b[2] - b[0]).max(b[3] - b[1]) / 8;
     let [x0, y0] = [b[0].saturating_sub(margin), b[1].saturating_sub(margin)];
     let [x1, y1] = [(b[2] + margin).min(width - 1), (b[3] + margin).min(height - 1)];
     let at = |x: usize, y: usize| values[y * width + x];
-    // What is around it, on average: the frame of the rectangle.
-    let frame: Vec<f64> =
-        (x0..=x1).flat_map(|x| [at(x, y0), at(x, y1)]).chain((y0 + 1..y1).flat_map(|y| [at(x0, y), at(x1, y)])).collect();
-    let ground = frame.iter().sum::<f64>() / frame.len() as f64;
+    // What is around it: a plane through the frame of the rectangle, whose terms are independent of one another.
+    let [x_middle, y_middle] = [(x0 + x1) as f64 / 2.0, (y0 + y1) as f64 / 2.0];
+    let frame = || (x0..=x1).flat_map(|x| [[x, y0], [x, y1]]).chain((y0 + 1..y1).flat_map(|y| [[x0, y], [x1, y]]));
+    let terms = frame().map(|[x, y]| (at(x, y), x as f64 - x_middle, y as f64 - y_middle));
+    let [n, mean, across, down, x2, y2] =
+        terms.fold([0.0; 6], |s, (v, x, y)| [s[0] + 1.0, s[1] + v, s[2] + v * x, s[3] + v * y, s[4] + x * x, s[5] + y * y]);
+    let ground = |x: usize, y: usize| mean / n + across / x2 * (x as f64 - x_middle) + down / y2 * (y as f64 - y_middle);
     let (mut sum, mut moment) = (0.0, [0.0; 2]);
     for y in y0..=y1 {
         for x in x0..=x1 {
-            let out = (at(x, y) - ground) * if light { 1.0 } else { -1.0 };
+            let (here, ground) = (at(x, y), ground(x, y));
+            let out = match light {
+                true => here - ground,
+                false if ground > 0.0 => 1.0 - here / ground,
+                false => 0.0,
+            };
             sum += out;
             moment = [moment[0] + out * (x as f64 + 0.5), moment[1] + out * (y as f64 + 0.5)];
         }
@@ -349,6 +358,19 @@ mod tests {
         let side = ideal_y * (1.0 + k * (ideal_x * ideal_x + ideal_y * ideal_y));
         let wanted = 100.0 * (side - y) / (2.0 * y);
         assert!((found.tv_percent - wanted).abs() < 0.05, "{} {wanted}", found.tv_percent);
+    }
+
+    #[test]
+    fn light_that_falls_off_moves_no_dot() {
+        let mut plane = grid(-0.05, 0.0);
+        for (i, v) in plane.values.iter_mut().enumerate() {
+            let (x, y) = ((i % 480) as f32 + 0.5 - 240.0, (i / 480) as f32 + 0.5 - 160.0);
+            *v *= 1.0 - 0.6 * (x * x + y * y) / (240.0 * 240.0 + 160.0 * 160.0);
+        }
+        let found = measure(&plane).unwrap();
+        for height in [0.3, 0.6, 0.85] {
+            assert!((found.percent(height) - exact(-0.05, height)).abs() < 0.05, "{height}: {}", found.percent(height));
+        }
     }
 
     #[test]

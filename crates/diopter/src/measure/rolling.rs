@@ -3,13 +3,15 @@
 //! - Of a lamp that flickers with a known frequency, on an even field: rows exposed while it is bright are bright. The bands repeat after the rows that are read
 //!   in one period, so that the picture is read in (bands in the picture) / frequency. Sine waves are fitted to the means of rows and of columns (a
 //!   Lomb-Scargle periodogram with the field's own fall-off in the fit; J. T. VanderPlas 2018, ApJS 236, 16); what varies more says whether rows or columns
-//!   follow each other. Which of them comes first one picture of a lamp cannot tell. An exposure of whole periods shows no bands.
+//!   follow each other. The fall-off dims bands and ground alike: in the end fall-off times wave is fitted, all at once (Gauss-Newton), and the error of the
+//!   frequency is what that fit leaves open. Which line comes first one picture of a lamp cannot tell. An exposure of whole periods shows no bands, and what a
+//!   polynomial without a wave explains as well is fall-off.
 //! - Of a bright bar that moves sidewise with a known speed before a dark ground: it leans by the way that it goes from one row to the next. The lean's
 //!   sign tells which row comes first.
 //!
 //! Source of the first: M. Meingast, C. Geyer & S. Sastry 2005, "Geometric models of rolling-shutter cameras", section on calibration by a flashing LED.
 
-use super::fit::least_squares;
+use super::fit::{least_squares, polynomial};
 use super::{MeasureError, Plane};
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -18,8 +20,8 @@ use std::f64::consts::TAU;
 const FEWEST_BANDS: f64 = 1.5;
 /// Order of the polynomial that stands for the field's own fall-off.
 const FALL_OFF: usize = 4;
-/// How often the fall-off is divided out.
-const ROUNDS: usize = 3;
+/// Steps of the fit of fall-off times wave.
+const STEPS: usize = 50;
 /// How much of the variance a wave must explain to be one.
 const LEAST_EXPLAINED: f64 = 0.3;
 /// Fewest lines of a picture, and of a bar.
@@ -48,7 +50,7 @@ pub struct Rolling {
     pub direction: Option<&'static str>,
     /// From one line to the next, s.
     pub line_time_s: f64,
-    /// Its standard error, by what the fit leaves.
+    /// Its standard error, by what the fit leaves, and by how far fall-off could pass for wave.
     pub line_time_error_s: f64,
     /// Of all lines, s.
     pub readout_s: f64,
@@ -155,6 +157,101 @@ fn strongest(points: &[(f64, f64)], lines: f64) -> Option<(Wave, f64)> {
     Some((best, explained))
 }
 
+/// A wave that is dimmed as its ground is: G(x) (1 + a cos + b sin).
+#[derive(Clone)]
+struct Dimmed {
+    lines: f64,
+    /// Cycles a line.
+    frequency: f64,
+    /// Coefficients of G.
+    ground: Vec<f64>,
+    /// Of cosine and sine.
+    bands: [f64; 2],
+    residual: f64,
+}
+
+impl Dimmed {
+    /// The nearest to means of lines, from a wave that is not dimmed; `None` where it finds none.
+    fn fit(points: &[(f64, f64)], lines: f64, from: &Wave) -> Option<Dimmed> {
+        let middle = from.all[0];
+        if !(middle > 0.0) {
+            return None;
+        }
+        let bands = [from.all[FALL_OFF + 1] / middle, from.all[FALL_OFF + 2] / middle];
+        let ground = from.all[..=FALL_OFF].to_vec();
+        let mut best = Dimmed { lines, frequency: from.frequency, ground, bands, residual: 0.0 };
+        best.residual = best.left(points);
+        for _ in 0..STEPS {
+            let rows = points.iter().map(|p| (best.slopes(p.0), p.1 - best.at(p.0)));
+            let step = least_squares(rows, FALL_OFF + 4)?;
+            // Half as far until it is nearer.
+            let nearer =
+                (0..20).map(|half| best.moved(&step, 0.5f64.powi(half), points)).find(|next| next.residual < best.residual);
+            let Some(next) = nearer else { break };
+            let gain = 1.0 - next.residual / best.residual;
+            best = next;
+            if gain < 1e-12 {
+                break;
+            }
+        }
+        let is_lit = points.iter().all(|p| best.ground(p.0) > 0.0);
+        // Two lines a cycle at least, and bands enough.
+        (is_lit && (0.5 * FEWEST_BANDS / lines..0.5).contains(&best.frequency)).then_some(best)
+    }
+
+    fn ground(&self, line: f64) -> f64 {
+        super::fit::value(&self.ground, 2.0 * (line + 0.5) / self.lines - 1.0)
+    }
+
+    fn band(&self, line: f64) -> f64 {
+        let (sin, cos) = (TAU * self.frequency * line).sin_cos();
+        1.0 + self.bands[0] * cos + self.bands[1] * sin
+    }
+
+    fn at(&self, line: f64) -> f64 {
+        self.ground(line) * self.band(line)
+    }
+
+    fn left(&self, points: &[(f64, f64)]) -> f64 {
+        points.iter().map(|p| (p.1 - self.at(p.0)).powi(2)).sum()
+    }
+
+    /// Amplitude of the bands over the ground.
+    fn amplitude(&self) -> f64 {
+        self.bands[0].hypot(self.bands[1])
+    }
+
+    /// Derivatives by the coefficients of G, by those of the bands, and by the phase that the frequency adds over the picture.
+    fn slopes(&self, line: f64) -> Vec<f64> {
+        let x = 2.0 * (line + 0.5) / self.lines - 1.0;
+        let (sin, cos) = (TAU * self.frequency * line).sin_cos();
+        let (ground, band) = (self.ground(line), self.band(line));
+        let by_phase = ground * (self.bands[1] * cos - self.bands[0] * sin) * line / self.lines;
+        (0..=FALL_OFF as i32).map(|k| band * x.powi(k)).chain([ground * cos, ground * sin, by_phase]).collect()
+    }
+
+    fn moved(&self, step: &[f64], part: f64, points: &[(f64, f64)]) -> Dimmed {
+        let mut next = self.clone();
+        next.ground.iter_mut().zip(step).for_each(|(c, s)| *c += part * s);
+        next.bands.iter_mut().zip(&step[FALL_OFF + 1..]).for_each(|(c, s)| *c += part * s);
+        next.frequency += part * step[FALL_OFF + 3] / (TAU * self.lines);
+        next.residual = next.left(points);
+        next
+    }
+
+    /// Standard error of the frequency, cycles a line: noise by what the fit leaves, over what of the derivative no other unknown explains.
+    fn frequency_error(&self, points: &[(f64, f64)]) -> f64 {
+        let last = FALL_OFF + 3;
+        let rows: Vec<Vec<f64>> = points.iter().map(|p| self.slopes(p.0)).collect();
+        let Some(others) = least_squares(rows.iter().map(|row| (row[..last].to_vec(), row[last])), last) else {
+            return f64::INFINITY;
+        };
+        let own: f64 = rows.iter().map(|row| (row[last] - dot(&row[..last], &others)).powi(2)).sum();
+        let variance = self.residual / (points.len() as f64 - last as f64 - 1.0).max(1.0);
+        (variance / own).sqrt() / (TAU * self.lines)
+    }
+}
+
 fn of_lamp(plane: &Plane, hz: f64) -> Result<Rolling, MeasureError> {
     // Columns, means of the lines, the wave, the fraction that it explains.
     type Found = (bool, Vec<(f64, f64)>, Wave, f64);
@@ -177,30 +274,28 @@ fn of_lamp(plane: &Plane, hz: f64) -> Result<Rolling, MeasureError> {
         return Err(MeasureError::unfit("picture", "no bands", expected));
     };
     let lines = lines_of(plane, columns)[0];
-    // The fall-off dims bands and ground alike: it is divided out, and the wave fitted again.
-    let (mut points, mut wave) = (points, wave);
-    for _ in 0..ROUNDS {
-        let ground = |line: f64| dot(&row(line, lines as f64, wave.frequency)[..=FALL_OFF], &wave.all);
-        if points.iter().any(|p| !(ground(p.0) > 0.0)) {
-            break;
-        }
-        let even: Vec<(f64, f64)> = points.iter().map(|p| (p.0, p.1 / ground(p.0))).collect();
-        let Some((better, _)) = strongest(&even, lines as f64) else { break };
-        (points, wave) = (even, better);
+    let Some(wave) = Dimmed::fit(&points, lines as f64, &wave) else {
+        return Err(MeasureError::unfit("picture", "no bands", expected));
+    };
+    // As many unknowns without a wave.
+    let place = |line: f64| 2.0 * (line + 0.5) / lines as f64 - 1.0;
+    let spread: Vec<(f64, f64)> = points.iter().map(|p| (place(p.0), p.1)).collect();
+    let smooth = polynomial(&spread, FALL_OFF + 3)
+        .map_or(f64::INFINITY, |all| spread.iter().map(|p| (p.1 - super::fit::value(&all, p.0)).powi(2)).sum());
+    if wave.residual > smooth {
+        return Err(MeasureError::unfit("picture", "no bands: it falls off smoothly", expected));
     }
-    let fitted: Vec<f64> = points.iter().map(|p| dot(&row(p.0, lines as f64, wave.frequency), &wave.all)).collect();
-    let mean = points.iter().map(|p| p.1).sum::<f64>() / points.len() as f64;
-    let amplitude = wave.all[FALL_OFF + 1].hypot(wave.all[FALL_OFF + 2]);
-    let relative = amplitude / mean.abs().max(1e-12);
+    let relative = wave.amplitude();
     if relative > 2.0 {
         // Light is not negative: the first harmonic of the shortest flashes is twice their mean.
         return Err(MeasureError::unfit("picture", format!("waves of ± {:.0} % of the mean", 100.0 * relative), expected));
     }
     let line_time_s = wave.frequency / hz;
-    // Error of a frequency from n points over a length L with noise σ on a wave of amplitude a: √(6/n) σ / (π L a) (Montgomery & O'Donoghue 1999).
-    let n = points.len() as f64;
-    let sigma = (wave.residual / (n - FALL_OFF as f64 - 4.0).max(1.0)).sqrt();
-    let error = (6.0 / n).sqrt() * sigma / (std::f64::consts::PI * lines as f64 * amplitude);
+    let error = wave.frequency_error(&points);
+    // The bands over the field's own fall-off.
+    let fitted: Vec<f64> = points.iter().map(|p| wave.band(p.0)).collect();
+    let points: Vec<(f64, f64)> = points.iter().map(|p| (p.0, p.1 / wave.ground(p.0))).collect();
+    let wave_frequency = wave.frequency;
     Ok(Rolling {
         columns,
         direction: None,
@@ -208,7 +303,7 @@ fn of_lamp(plane: &Plane, hz: f64) -> Result<Rolling, MeasureError> {
         line_time_error_s: error / hz,
         readout_s: line_time_s * lines as f64,
         lines,
-        period_lines: Some(1.0 / wave.frequency),
+        period_lines: Some(1.0 / wave_frequency),
         amplitude: Some(relative),
         lean_px: None,
         points,
@@ -362,6 +457,28 @@ mod tests {
             assert!((found.line_time_s / line_time - 1.0).abs() < 5e-3, "{} {line_time}", found.line_time_s);
             assert!((found.amplitude.unwrap() - 0.2).abs() < 0.01 && found.line_time_error_s < 2e-3 * line_time, "{found:?}");
         }
+    }
+
+    #[test]
+    fn bands_are_dimmed_as_their_ground_is() {
+        // A portrait frame at cos⁴ of 27° in its corners, a lamp that nearly goes out: 2.4 bands, with noise and without.
+        for (hz, amplitude) in [(0.0, 0.787), (0.02, 0.787), (0.02, 0.2)] {
+            let picture = plane(120, 240, |x, y| {
+                let r2 = ((x as f64 - 60.0).powi(2) + (y as f64 - 120.0).powi(2)) / 120f64.powi(2);
+                let light = (1.0 + 0.264 * r2).powi(-2) * (1.0 + amplitude * (TAU * 0.01 * y as f64 + 1.1).sin());
+                light + hz * (noise(x, y) - 0.5)
+            });
+            let found = measure(&picture, Sign::Flicker(100.0)).unwrap();
+            assert!((found.line_time_s / 1e-4 - 1.0).abs() < 3e-3, "{amplitude}: {}", found.line_time_s);
+            assert!((found.amplitude.unwrap() - amplitude).abs() < 0.01, "{found:?}");
+            assert!((found.line_time_s - 1e-4).abs() < 5.0 * found.line_time_error_s + 2e-7, "{}", found.line_time_error_s);
+        }
+        // The same without a lamp.
+        let picture = plane(120, 240, |x, y| {
+            let r2 = ((x as f64 - 60.0).powi(2) + (y as f64 - 120.0).powi(2)) / 120f64.powi(2);
+            (1.0 + 0.264 * r2).powi(-2)
+        });
+        assert!(measure(&picture, Sign::Flicker(100.0)).unwrap_err().to_string().contains("no bands"));
     }
 
     #[test]

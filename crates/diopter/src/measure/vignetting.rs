@@ -1,9 +1,10 @@
 //! Relative illumination over the image height, from the picture of a flat field.
 //!
 //! Light falls off from the middle by vignetting, by cos⁴ and by the pixels' own angles: all of it is measured together. Means over rings are
-//! fitted by an even polynomial, E(r) = E₀ (1 + a₁ r² + a₂ r⁴ + a₃ r⁶), r the image height over half of the diagonal (the form of DNG's
-//! FixVignetteRadial, DNG specification 1.7, opcode 3); E₀ is what all is relative to. The four corners are given apart: where they differ, the
-//! field was not even or the lens is not centred.
+//! smoothed by parabolas through their neighbours (W. S. Cleveland 1979, local regression): lens rims cut the beam from a height on, and no
+//! polynomial in r² follows that. Beside them an even polynomial is fitted, E(r) = E₀ (1 + a₁ r² + a₂ r⁴ + a₃ r⁶), r the image height over half of the
+//! diagonal (the form of DNG's FixVignetteRadial, DNG specification 1.7, opcode 3), E₀ being the light in the middle. The four corners are given
+//! apart: where they differ, the field was not even or the lens is not centred.
 
 use super::fit::least_squares;
 use super::{MeasureError, Plane, Region};
@@ -11,6 +12,9 @@ use serde::Serialize;
 
 /// Rings.
 const RINGS: usize = 64;
+/// Image heights to each side over which rings are smoothed, and from the middle outwards there, where they are small.
+const SMOOTHED: f64 = 0.1;
+const SMOOTHED_IN_MIDDLE: f64 = 0.2;
 /// Side of the squares in the corners, of the shorter side of the picture.
 const CORNER: f64 = 0.05;
 /// Fraction of the samples that may be clipped.
@@ -23,8 +27,10 @@ const MOST_RESIDUAL: f64 = 0.05;
 pub struct Ring {
     /// Image height over half of the diagonal.
     pub height: f64,
-    /// Mean of the ring over the fit's value in the middle.
+    /// Mean of the ring over the light in the middle.
     pub illumination: f64,
+    /// Samples in it.
+    pub samples: f64,
 }
 
 /// How light falls off.
@@ -34,15 +40,20 @@ pub struct Vignetting {
     pub rings: Vec<Ring>,
     /// a₁, a₂, a₃.
     pub coefficients: [f64; 3],
-    /// Root mean square of what the fit leaves in the rings, relative to the middle.
+    /// Root mean square of what the polynomial leaves in the rings, relative to the middle.
     pub residual: f64,
     /// Illumination of the corners relative to the middle: upper left, upper right, lower left, lower right.
     pub corners: [f64; 4],
 }
 
 impl Vignetting {
-    /// Illumination at an image height (over half of the diagonal) relative to the middle, by the fit.
+    /// Illumination at an image height (over half of the diagonal) relative to the middle, by the rings about it.
     pub fn at(&self, height: f64) -> f64 {
+        smoothed(&self.rings, height)
+    }
+
+    /// The same by the polynomial.
+    pub fn fitted(&self, height: f64) -> f64 {
         let r2 = height * height;
         self.coefficients.iter().rev().fold(0.0, |sum, a| (sum + a) * r2) + 1.0
     }
@@ -50,6 +61,28 @@ impl Vignetting {
     /// Loss in the corners on average, EV.
     pub fn corner_ev(&self) -> f64 {
         -(self.corners.iter().sum::<f64>() / 4.0).log2()
+    }
+}
+
+/// Illumination at a height by the parabola through the rings about it, the nearer the more they count.
+fn smoothed(rings: &[Ring], height: f64) -> f64 {
+    let reach = SMOOTHED.max(SMOOTHED_IN_MIDDLE - height);
+    let near = |ring: &Ring| {
+        let off = (ring.height - height).abs() / reach;
+        (off < 1.0).then(|| (1.0 - off.powi(3)).powi(3) * ring.samples)
+    };
+    let rows = rings.iter().filter_map(|ring| {
+        let weight = near(ring)?.sqrt();
+        let off = (ring.height - height) / reach;
+        Some(([1.0, off, off * off].map(|v| v * weight).to_vec(), weight * ring.illumination))
+    });
+    match least_squares(rows, 3) {
+        Some(parabola) => parabola[0],
+        // So few rings that one alone is near.
+        None => {
+            let off = |ring: &&Ring| (ring.height - height).abs();
+            rings.iter().min_by(|a, b| off(a).total_cmp(&off(b))).map_or(f64::NAN, |ring| ring.illumination)
+        }
     }
 }
 
@@ -74,28 +107,29 @@ pub fn measure(plane: &Plane) -> Result<Vignetting, MeasureError> {
         let ring = &mut rings[((height * RINGS as f64) as usize).min(RINGS - 1)];
         (ring.0, ring.1, ring.2) = (ring.0 + height * height, ring.1 + f64::from(*v), ring.2 + 1.0);
     }
-    // Mean of r² and of the light of each ring, and its samples.
-    let means: Vec<(f64, f64, f64)> = rings.iter().filter(|r| r.2 > 0.0).map(|r| (r.0 / r.2, r.1 / r.2, r.2)).collect();
-    let rows = means.iter().map(|(r2, light, n)| {
-        let weight = n.sqrt();
-        ([1.0, *r2, r2.powi(2), r2.powi(3)].map(|v| v * weight).to_vec(), light * weight)
-    });
-    let fit = least_squares(rows, 4).filter(|c| c[0] > 0.0);
-    let Some(c) = fit else {
+    let ring = |(r2, light, n): (f64, f64, f64)| Ring { height: (r2 / n).sqrt(), illumination: light / n, samples: n };
+    let mut rings: Vec<Ring> = rings.into_iter().filter(|r| r.2 > 0.0).map(ring).collect();
+    let middle = smoothed(&rings, 0.0);
+    if !(middle > 0.0) {
         return Err(MeasureError::unfit("flat field", "no light in its middle", "an evenly lit field that fills the picture"));
-    };
-    let coefficients = [c[1] / c[0], c[2] / c[0], c[3] / c[0]];
-    let rings = means.iter().map(|(r2, light, _)| Ring { height: r2.sqrt(), illumination: light / c[0] }).collect();
+    }
+    rings.iter_mut().for_each(|ring| ring.illumination /= middle);
+    let rows = rings.iter().map(|ring| {
+        let (r2, weight) = (ring.height.powi(2), ring.samples.sqrt());
+        ([r2, r2.powi(2), r2.powi(3)].map(|v| v * weight).to_vec(), (ring.illumination - 1.0) * weight)
+    });
+    let coefficients = least_squares(rows, 3).map_or([0.0; 3], |c| [c[0], c[1], c[2]]);
     let side = ((CORNER * w.min(h)) as usize).max(4);
     let [right, below] = [plane.width - side, plane.height - side];
     let corners = [[0, 0], [right, 0], [0, below], [right, below]].map(|[x, y]| {
         let (mut sum, mut count) = (0.0, 0.0f64);
         plane.samples(Region { x, y, width: side, height: side }).for_each(|v| (sum, count) = (sum + v, count + 1.0));
-        sum / count.max(1.0) / c[0]
+        sum / count.max(1.0) / middle
     });
     let mut found = Vignetting { rings, coefficients, residual: 0.0, corners };
-    let total: f64 = means.iter().map(|m| m.2).sum();
-    let squares = means.iter().map(|(r2, light, n)| n * (light / c[0] - found.at(r2.sqrt())).powi(2)).sum::<f64>();
+    let total: f64 = found.rings.iter().map(|ring| ring.samples).sum();
+    let off = |ring: &Ring| ring.samples * (ring.illumination - found.fitted(ring.height)).powi(2);
+    let squares = found.rings.iter().map(off).sum::<f64>();
     found.residual = (squares / total).sqrt();
     if !(found.residual < MOST_RESIDUAL) {
         return Err(MeasureError::unfit(
@@ -132,6 +166,17 @@ mod tests {
         // Squares of 8 pixels: their middles lie at 0.972 of the half diagonal and their mean on either side of it.
         assert!(found.corners.iter().all(|c| (c - cos4(0.965)).abs() < 0.01), "{:?}", found.corners);
         assert!((found.corner_ev() + cos4(0.965).log2()).abs() < 0.04, "{}", found.corner_ev());
+    }
+
+    #[test]
+    fn rims_that_cut_the_beam_from_a_height_on_are_followed() {
+        // No polynomial in r²: that is 2 % off in the middle.
+        let light = |r: f64| if r < 0.1 { 1.0 } else { 1.0 - 0.7 * (r - 0.1) };
+        let found = measure(&field(|x, y| 0.5 * light(x.hypot(y)))).unwrap();
+        for r in [0.0, 0.2, 0.3, 0.5, 0.8, 0.95] {
+            assert!((found.at(r) - light(r)).abs() < 5e-3, "{r}: {} {}", found.at(r), light(r));
+        }
+        assert!(found.residual > 2e-3, "{}", found.residual);
     }
 
     #[test]

@@ -264,14 +264,20 @@ impl Timing {
                 open < to && close > from
             })
             .count();
-        let fraction = 100.0 * seen as f64 / n as f64;
-        warn(&format!(
-            "the flash ({} to {} ms) does not find the whole picture open at {}: about {fraction:.0} % of it sees all or some of it; \
-             take a longer time, or --flash-sync high-speed",
-            (from * 1e5).round() / 100.0,
-            (to * 1e5).round() / 100.0,
-            Seconds(shutter.exposure_s)
-        ));
+        let (from, to) = ((from * 1e5).round() / 100.0, (to * 1e5).round() / 100.0);
+        let time = Seconds(shutter.exposure_s);
+        warn(&match seen == n {
+            // It burns longer than the shutter is open.
+            true => format!(
+                "the flash ({from} to {to} ms) is not over before parts of the picture close at {time}: these see less of it; \
+                 take a longer time, or a shorter --flash-pulse"
+            ),
+            false => format!(
+                "the flash ({from} to {to} ms) does not find the whole picture open at {time}: about {:.0} % of it sees all or some of it; \
+                 take a longer time, or --flash-sync high-speed",
+                100.0 * seen as f64 / n as f64
+            ),
+        });
     }
 
     /// Says when things turn too often for what is kept of their ways.

@@ -77,6 +77,9 @@ pub(super) struct Path<'a, T: Tally> {
     pub bent_after: Option<(PrevScatter, Vec3)>,
     /// Whether it ends at the first surface that is not specular.
     pub only_emission: bool,
+    /// Light that other ways brought and that is not among the path's yet, where it is kept apart.
+    apart: Option<T>,
+    keeps_apart: bool,
 }
 
 impl<T: Tally> Path<'_, T> {
@@ -95,6 +98,8 @@ impl<T: Tally> Path<'_, T> {
             leaves_out_emission: false,
             emission_fraction: 1.0,
             only_emission: true,
+            apart: None,
+            keeps_apart: false,
             ..*self
         }
     }
@@ -105,6 +110,28 @@ impl<T: Tally> Path<'_, T> {
         path.vertex += 1;
         path.cone.forget();
         path
+    }
+
+    /// Adds the light of another way.
+    pub fn join(&mut self, way: Path<'_, T>) {
+        match &mut self.apart {
+            Some(apart) => apart.join(way.tally),
+            None if self.keeps_apart => self.apart = Some(way.tally),
+            None => self.tally.join(way.tally),
+        }
+    }
+
+    /// Keeps the light of other ways apart from now on, until [`Path::join_apart`].
+    pub fn keep_apart(&mut self) {
+        self.keeps_apart = true;
+    }
+
+    /// Adds what was kept apart.
+    pub fn join_apart(&mut self) {
+        self.keeps_apart = false;
+        if let Some(apart) = self.apart.take() {
+            self.tally.join(apart);
+        }
     }
 
     /// Lets Russian roulette judge by what it carries over what it carries now, and only after some vertices.
@@ -199,6 +226,8 @@ impl<'a> Transport<'a> {
             emission_fraction: 1.0,
             bent_after: None,
             only_emission: false,
+            apart: None,
+            keeps_apart: false,
         }
     }
 

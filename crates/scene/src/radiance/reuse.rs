@@ -194,6 +194,8 @@ impl<'a> Transport<'a> {
         let mut at_rough = false;
         let (before, time_s) = (receivers.all.len(), path.ray.time_s);
         while !at_rough {
+            // What other ways bring goes by more than one event: it must not decide how far direct light is lent.
+            path.keep_apart();
             let mut hit = self.find_hit(&path);
             let next = self.arrive(&mut path, hit.as_mut(), |path, here| {
                 at_rough = !here.bsdf.is_specular();
@@ -235,11 +237,13 @@ impl<'a> Transport<'a> {
                 lamps.extend(self.take_lamp_sample(&mut path, receiver));
             }
             self.connect_to_light(&mut path);
+            let direct = mean(path.tally.all());
+            path.join_apart();
             if next == Next::Ended {
                 return path.tally;
             }
             if let Some(receiver) = receivers.all.get_mut(before) {
-                (receiver.direct, receiver.onward) = (mean(path.tally.all()), mean(path.throughput));
+                (receiver.direct, receiver.onward) = (direct, mean(path.throughput));
             }
         }
         let Some(receiver) = receivers.all.get(before) else { return self.follow_on(path) };

@@ -62,7 +62,7 @@ impl<'a> Transport<'a> {
             let next = self.go_along(&mut way, here, Scatter { weight: carried / survival, ..lobe }, 0.0, None, None);
             way.restart_roulette(ROULETTE_AFTER);
             self.follow_specular(&mut way, next, &mut stream);
-            path.tally.join(way.tally);
+            path.join(way);
         }
         path.emission_fraction *= chosen.map_or(1.0, |chosen| chosen.pdf);
     }

@@ -83,7 +83,7 @@ impl<'a> Transport<'a> {
         let mut stream = path.camera.sampler.stream(Dimensions::Refracted(path.vertex));
         let next = self.pass_specular(&mut way, Some(&mut hit), &mut stream);
         self.follow_specular(&mut way, next, &mut stream);
-        path.tally.join(way.tally);
+        path.join(way);
         Some(visibility)
     }
 

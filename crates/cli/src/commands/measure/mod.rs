@@ -447,14 +447,14 @@ fn vignetting_text(name: &str, channel: Channel, found: &Vignetting) -> anyhow::
     }
     let [a, b, c, d] = found.corners;
     writeln!(t, "  corners: {a:.3} {b:.3} / {c:.3} {d:.3}, on average {:.2} EV darker than the middle", found.corner_ev())?;
-    writeln!(t, "  rings deviate from the fit by {:.2} %", 100.0 * found.residual)?;
+    writeln!(t, "  the polynomial deviates from the rings by {:.2} %", 100.0 * found.residual)?;
     Ok(t)
 }
 
 fn vignetting_figure(name: &str, found: &Vignetting, bench: &[(f64, f64)]) -> Figure {
     let mut lines = vec![
         line("rings", 0, Style::Full, found.rings.iter().map(|r| (r.height, r.illumination))),
-        line("fit", 5, Style::Broken, (0..=50).map(|k| f64::from(k) / 50.0).map(|h| (h, found.at(h)))),
+        line("polynomial", 5, Style::Broken, (0..=50).map(|k| f64::from(k) / 50.0).map(|h| (h, found.fitted(h)))),
     ];
     if !bench.is_empty() {
         lines.push(line("bench", 1, Style::Broken, bench.iter().copied()));

@@ -30,12 +30,38 @@ pub fn run(asked: &MeasureRolling, json: bool) -> anyhow::Result<()> {
     let outputs = paint::prepare(&chart.output)?;
     let picture = Measured::read(&chart.file, chart.encoding.decoded())?;
     let channel = chart.channel.map_or_else(|| picture.usual_channel(), super::MeasuredChannel::measured);
+    if let Some(shutter) = picture.facts().and_then(|f| f.shutter.as_ref()) {
+        check_shutter(shutter, sign).map_err(|told| UsageError(anyhow!("{}: {told}", chart.file.display())))?;
+    }
     let found = measure(&picture.plane(channel)?, sign)?;
     let told = picture.facts().and_then(|f| f.shutter.as_ref()).map(|s| told_readout(s, &found));
     let name = name_of(&chart.file);
     let text = text(&name, channel, &found, told)?;
     let value = json!({ "file": chart.file, "channel": channel.name(), "rolling": found, "readout_of_file_s": told });
     finish(outputs, || figure(&name, &found), &text, &value, json)
+}
+
+/// How near to whole periods an exposure may be before its bands are too faint, of a period.
+const NEAR_WHOLE: f64 = 0.02;
+
+/// Whether a picture by a shutter can show what is looked for; what the user is told where it cannot.
+fn check_shutter(shutter: &ShutterFacts, sign: Sign) -> Result<(), String> {
+    if shutter.rows.open_s[1] == 0.0 && shutter.rows.close_s[1] == 0.0 {
+        let kind = &shutter.kind;
+        return Err(format!(
+            "its shutter ({kind}) opens and closes everywhere at once; expected a picture whose rows or columns are read one after the other"
+        ));
+    }
+    if let Sign::Flicker(hz) = sign {
+        let periods = shutter.effective_s * hz;
+        if periods > 0.5 && (periods - periods.round()).abs() < NEAR_WHOLE {
+            return Err(format!(
+                "it was exposed for {:.3} ms, {periods:.2} periods of light of {hz} Hz, over which bands cancel out; expected another time, best less than half a period",
+                1e3 * shutter.effective_s
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// What was found, and what the file says.
