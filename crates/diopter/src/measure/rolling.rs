@@ -196,7 +196,7 @@ impl Dimmed {
         }
         let is_lit = points.iter().all(|p| best.ground(p.0) > 0.0);
         // Two lines a cycle at least, and bands enough.
-        (is_lit && (0.5 * FEWEST_BANDS / lines..0.5).contains(&best.frequency)).then_some(best)
+        (is_lit && (0.9 * FEWEST_BANDS / lines..0.5).contains(&best.frequency)).then_some(best)
     }
 
     fn ground(&self, line: f64) -> f64 {

@@ -14,7 +14,7 @@ use serde::Serialize;
 const RINGS: usize = 64;
 /// Image heights to each side over which rings are smoothed, and from the middle outwards there, where they are small.
 const SMOOTHED: f64 = 0.1;
-const SMOOTHED_IN_MIDDLE: f64 = 0.2;
+const SMOOTHED_IN_MIDDLE: f64 = 0.12;
 /// Side of the squares in the corners, of the shorter side of the picture.
 const CORNER: f64 = 0.05;
 /// Fraction of the samples that may be clipped.

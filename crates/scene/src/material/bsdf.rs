@@ -277,6 +277,11 @@ impl Bsdf<'_> {
         self.placed(s)
     }
 
+    /// Whether light that goes through is bent by wavelength, so that the hero alone is left.
+    pub(crate) fn disperses(&self) -> bool {
+        matches!(&self.lobes, Lobes::Principled(lobes) if lobes.disperses())
+    }
+
     /// Specular lobes among which, and others, [`Bsdf::sample`] chooses, each with the probability of its choice as its density: of smooth dielectrics, alone or over a base.
     pub(crate) fn specular_lobes(&self) -> [Option<Scatter>; 2] {
         match &self.lobes {

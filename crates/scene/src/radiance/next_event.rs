@@ -57,8 +57,9 @@ impl<'a> Transport<'a> {
         };
         let incident = self.scene.incident_radiance(&light_sample, &path.camera.wavelengths, time_s);
         let contribution = path.throughput * f * incident * (weight / density);
+        let choice = LightChoice { wi: light_sample.wi, has_extent: light_sample.has_extent };
         if contribution == SampledSpectrum::ZERO {
-            return None;
+            return Some(choice);
         }
         let (origin, medium_stack) = here.leave(self.scene, path.medium_stack, light_sample.wi);
         let tallied = path.tally.vertex(bsdf, here.wo, light_sample.wi);
@@ -76,7 +77,7 @@ impl<'a> Transport<'a> {
             tallied,
             visibility,
         });
-        Some(LightChoice { wi: light_sample.wi, has_extent: light_sample.has_extent })
+        Some(choice)
     }
 
     /// Adds what the light brings that was chosen for a vertex of a path, less what is on the way.

@@ -73,8 +73,8 @@ pub(super) struct Path<'a, T: Tally> {
     pub leaves_out_emission: bool,
     /// Fraction of what shines behind specular surfaces that it brings itself: the rest was looked at where it could have gone another way ([`super::splitting`]).
     pub emission_fraction: f32,
-    /// The last place from which lights were sampled through clear bodies, and the unit direction from there to the first of these, after which it is bent ([`super::through_glass`]).
-    pub bent_after: Option<(PrevScatter, Vec3)>,
+    /// The last place from which lights were sampled through clear bodies, and the ray from there to the first of these, after which it is bent ([`super::through_glass`]).
+    pub bent_after: Option<(PrevScatter, Ray)>,
     /// Whether it ends at the first surface that is not specular.
     pub only_emission: bool,
     /// Light that other ways brought and that is not among the path's yet, where it is kept apart.
@@ -599,7 +599,7 @@ impl<'a> Transport<'a> {
             true if passes_straight => path.last.map(|l| PrevScatter { traveled: l.traveled + surface.t, ..l }),
             true => {
                 if let Some(last) = path.last {
-                    path.bent_after = self.light_was_sampled_through(path, surface).then_some((last, path.ray.direction));
+                    path.bent_after = self.light_was_sampled_through(path, surface).then_some((last, path.ray));
                 }
                 path.cone.forget();
                 None

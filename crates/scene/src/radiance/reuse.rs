@@ -287,7 +287,10 @@ impl<'a> Transport<'a> {
             while next == Next::GoesOn && before_surface.is_none() {
                 let mut hit = self.find_hit(&path);
                 next = self.arrive(&mut path, hit.as_mut(), |path, here| {
-                    before_surface = Some(std::mem::take(&mut path.tally));
+                    // Light through glass was found in two ways, of which narrow lobes decide how much each counts.
+                    if !here.bsdf.is_specular() || !self.scene.may_pass(here.surface.object) {
+                        before_surface = Some(std::mem::take(&mut path.tally));
+                    }
                     self.scatter_light(path, &here.vertex())
                 });
                 self.connect_to_light(&mut path);

@@ -80,14 +80,7 @@ impl<'a> Transport<'a> {
         self.arrive(path, hit, |path, here| {
             let vertex = here.vertex();
             let [choice, roulette] = [stream.draw(), stream.draw()];
-            let scatter = match vertex.bsdf.is_specular() {
-                true => vertex.bsdf.sample([0.5, 0.5, choice, roulette]),
-                false => {
-                    let [mirrored, transmitted] = vertex.bsdf.specular_lobes();
-                    let first = mirrored.map_or(0.0, |lobe| lobe.pdf);
-                    mirrored.filter(|_| choice < first).or(transmitted.filter(|lobe| (first..first + lobe.pdf).contains(&choice)))
-                }
-            };
+            let scatter = vertex.bsdf.sample([0.5, 0.5, choice, roulette]).filter(|scatter| scatter.specular);
             match scatter {
                 Some(scatter) => self.go_along(path, &vertex, scatter, roulette, None, None),
                 None => Next::Ended,

@@ -12,9 +12,10 @@ use super::prev_scatter::PrevScatter;
 use super::tally::Tally;
 use super::to_light::{MAX_INTERFACES, origin_behind, shadow_segment};
 use super::weights::squared_ratio;
-use crate::light::LightSample;
+use crate::light::{LightPoint, LightSample};
+use crate::material::{Coverage, Material};
 use crate::scene::Visibility;
-use crate::shape::{Surface, offset_origin};
+use crate::shape::Surface;
 use diopter_light::random::Dimensions;
 use diopter_light::{Ray, SampledSpectrum};
 use glam::Vec3;
@@ -59,6 +60,11 @@ impl<'a> Transport<'a> {
         densities: Densities,
     ) -> Option<Visibility> {
         let (scene, point, wi) = (self.scene, here.surface.point, light_sample.wi);
+        if let LightPoint::Area(light, _) = light_sample.spot
+            && !stops_rays(scene.material_at(scene.lights().area[light as usize].material))
+        {
+            return None;
+        }
         let (origin, medium_stack) = here.leave(scene, path.medium_stack, wi);
         let (ray, reach) = shadow_segment(point, origin, light_sample, path.ray.time_s)?;
         let visibility = scene.visibility(&ray, reach);
@@ -73,11 +79,13 @@ impl<'a> Transport<'a> {
         let by_others = squared_ratio(by_scattering, by_light);
         let ratios = match light_sample.distance.is_finite() {
             true => 1.0 + by_others,
-            // Of all that shines from infinity in the direction.
-            false => by_others + self.infinite_light_ratio(path, (point, here.bsdf.light_normal()), wi, by_light),
+            // Of all that shines from infinity in the direction; rounding may have moved that out of the disc or the cell that it was drawn in.
+            false => by_others + self.infinite_light_ratio(path, (point, here.bsdf.light_normal()), wi, by_light).max(1.0),
         };
         let throughput = path.throughput * f / (by_light * ratios);
         let mut way = path.fork().scattered_along(ray, throughput, medium_stack);
+        // `f` is that of the hero already.
+        way.hero_only |= here.bsdf.disperses() && wi.dot(here.ng) < 0.0;
         way.tally.scatter(here.bsdf, here.wo, wi, false);
         way.restart_roulette(ROULETTE_AFTER);
         let mut stream = path.camera.sampler.stream(Dimensions::Refracted(path.vertex));
@@ -90,15 +98,14 @@ impl<'a> Transport<'a> {
     /// Weight of what a path meets that shines, where its last vertex is no place from which lights were sampled straight: below 1 where they were sampled through glass.
     #[inline]
     pub fn weight_beside_light_samples<T: Tally>(&self, path: &Path<'a, T>) -> f32 {
-        path.bent_after.map_or(1.0, |(last, direction)| 1.0 / (1.0 + self.straight_light_ratio(path, &last, direction)))
+        path.bent_after.map_or(1.0, |(last, ray)| 1.0 / (1.0 + self.straight_light_ratio(path, &last, ray)))
     }
 
-    /// Squared density of light samples in a direction over that of the scattered ray, where only glass stands before the light; else 0.
+    /// Squared density of light samples along a ray over that of the scattered ray, where only glass stands before the light; else 0.
     #[inline(never)]
-    fn straight_light_ratio<T: Tally>(&self, path: &Path<'a, T>, last: &PrevScatter, direction: Vec3) -> f32 {
+    fn straight_light_ratio<T: Tally>(&self, path: &Path<'a, T>, last: &PrevScatter, mut ray: Ray) -> f32 {
         let (scene, &PrevScatter { point, normal, density, .. }) = (self.scene, last);
-        let side = if normal.dot(direction) < 0.0 { -normal } else { normal };
-        let mut ray = Ray { origin: offset_origin(point, side), direction, time_s: path.ray.time_s };
+        let direction = ray.direction;
         for _ in 0..MAX_INTERFACES {
             let Some(hit) = scene.intersect(&ray, f32::INFINITY) else {
                 return self.infinite_light_ratio(path, (point, normal), direction, density);
@@ -107,8 +114,9 @@ impl<'a> Transport<'a> {
                 ray.origin = origin_behind(&hit, direction);
                 continue;
             }
-            let emission = scene.material(hit.object).emission.as_ref();
-            let faces = emission.is_some_and(|emission| emission.two_sided || hit.ng.dot(direction) < 0.0);
+            let material = scene.material(hit.object);
+            let faces = material.emission.as_ref().is_some_and(|emission| emission.two_sided || hit.ng.dot(direction) < 0.0);
+            let faces = faces && stops_rays(material);
             let Some(light) = scene.light_at(&hit).filter(|_| faces) else { return 0.0 };
             let chosen = scene.lights().area_probability(point, normal, light, path.flash);
             return squared_ratio(chosen * scene.pdf_li(light, point, direction, hit.point.distance(point), ray.time_s), density);
@@ -126,4 +134,9 @@ impl<'a> Transport<'a> {
         let discs = lights.discs(direction, Some(from), &path.camera.wavelengths, path.flash);
         squared_ratio(environment, density) + discs.map(|(_, _, disc)| squared_ratio(disc, density)).sum::<f32>()
     }
+}
+
+/// Whether rays end at a lamp of a material wherever they meet it: others are left to scattered rays.
+fn stops_rays(lamp: &Material) -> bool {
+    matches!(lamp.coverage, Coverage::Full) && !lamp.may_transmit_straight()
 }

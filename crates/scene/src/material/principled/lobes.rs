@@ -388,6 +388,11 @@ impl<'a> PrincipledLobes<'a> {
         (f / (self.bend * self.bend), pdf, cos_o)
     }
 
+    /// Whether wavelengths go through different ways.
+    pub(in crate::material) fn disperses(&self) -> bool {
+        self.dispersive && self.solid
+    }
+
     /// The lobes of a smooth surface that are specular: what it mirrors and what it lets through, each with the probability of its choice.
     pub(in crate::material) fn specular(&self, wo: Vec3) -> [Option<LocalScatter>; 2] {
         let [p_specular, _, p_transmission, ..] = self.seen.choice;
@@ -415,7 +420,7 @@ impl<'a> PrincipledLobes<'a> {
         };
         let amount = view.below_coat * (1.0 - self.metallic) * self.transmission;
         let fraction = (SampledSpectrum::ONE - self.dielectric(wo.z)) * (amount * self.sheen_transmittance(wo, wi) / probability);
-        let disperses = self.dispersive && self.solid;
+        let disperses = self.disperses();
         Some(LocalScatter { wi, weight: self.base * fraction * scale, pdf: probability, specular: true, disperses })
     }
 
