@@ -3,7 +3,10 @@
 use crate::common::{DEEP, assert_within, mean};
 use diopter_light::Spectrum;
 use diopter_scene::light::{Punctual, PunctualKind};
-use diopter_scene::material::{Emission, EmissionColor, Material, Principled, Scattering, Transmission};
+use diopter_scene::material::conductor::FacetBounces;
+use diopter_scene::material::{
+    CoatedConductor, Conductor, Emission, EmissionColor, Material, Principled, Scattering, Transmission,
+};
 use diopter_scene::shape::{Quad, Sphere};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, Scene, Shape};
@@ -15,6 +18,7 @@ const LAMP: u32 = 1;
 const GLASS: u32 = 2;
 const VARNISH: u32 = 3;
 const DIM: u32 = 4;
+const LACQUER: u32 = 5;
 
 fn emitter(rgb: f32) -> Material {
     let emission = Emission {
@@ -34,7 +38,13 @@ fn materials(albedo: f32) -> Vec<Material> {
     varnish.roughness = Scalar::Constant(0.0);
     let principled = |name: &str, p| Material::new(name, Scattering::Principled(Box::new(p)));
     let floor = Material::new("floor", Scattering::Diffuse(grey(albedo)));
-    vec![floor, emitter(1.0), principled("glass", glass), principled("varnish", varnish), emitter(0.25)]
+    // A metal that reflects everything, smooth, under a rough coat: it looks as what is around it.
+    let constant = |v| Spectrum::Constant(v);
+    let (n, k, alpha, bounces) = (constant(0.0), constant(1000.0), Scalar::Constant(0.0), FacetBounces::Compensated);
+    let metal = Conductor { n, k, alpha, across: None, bounces };
+    let coated = CoatedConductor::new(metal, 1.5, Scalar::Constant(0.5));
+    let lacquer = Material::new("lacquer", Scattering::Coated(Box::new(coated)));
+    vec![floor, emitter(1.0), principled("glass", glass), principled("varnish", varnish), emitter(0.25), lacquer]
 }
 
 /// A square `2 half` wide at a height, facing up or down.
@@ -139,5 +149,13 @@ fn light_through_glass_is_counted_once() {
         let (found, error) = mean(&scene, Vec3::new(-0.4, 0.2, -1.0), Vec3::new(0.3, -0.2, 1.0), 1 << 14, &DEEP);
         assert_within((found, error), [1.0; 4], 2e-3, what);
         assert!(error[0] < 0.01, "{what}: {}", error[0]);
+    }
+    // Lacquered metal behind the pane and seen through it, lit by the walls.
+    let objects =
+        walls.iter().chain(&sides).cloned().chain(pane(0.5, 0.6, 3.9)).chain([ball(Vec3::new(0.0, 1.5, 0.0), 0.5, LACQUER)]);
+    let scene = Scene::build(Description { materials, objects: objects.collect(), ..Default::default() }).unwrap();
+    for towards in [Vec3::new(0.1, 1.3, 0.0), Vec3::new(-0.3, 1.2, 0.2)] {
+        let found = mean(&scene, Vec3::new(0.0, 0.2, 0.0), towards, 1 << 13, &DEEP);
+        assert_within(found, [1.0; 4], 3e-3, "lacquer");
     }
 }

@@ -31,7 +31,7 @@ pub fn run(asked: &MeasureRolling, json: bool) -> anyhow::Result<()> {
     let picture = Measured::read(&chart.file, chart.encoding.decoded())?;
     let channel = chart.channel.map_or_else(|| picture.usual_channel(), super::MeasuredChannel::measured);
     if let Some(shutter) = picture.facts().and_then(|f| f.shutter.as_ref()) {
-        check_shutter(shutter, sign).map_err(|told| UsageError(anyhow!("{}: {told}", chart.file.display())))?;
+        check_shutter(shutter, sign).map_err(|told| anyhow!("{}: {told}", chart.file.display()))?;
     }
     let found = measure(&picture.plane(channel)?, sign)?;
     let told = picture.facts().and_then(|f| f.shutter.as_ref()).map(|s| told_readout(s, &found));
