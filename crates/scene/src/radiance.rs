@@ -7,7 +7,8 @@
 //! function; media that differ from place to place are tracked (`medium/tracking.rs`). Light that is sampled comes through smooth thin dielectrics (panes, bubbles). Caustics
 //! of small lights are left to chance without photons ([`crate::light_paths`]). Limits: a path begins outside all bodies.
 //!
-//! Entries are here, what they record in `radiance/record.rs`, the steps of a path in `radiance/path.rs`, what paths of several pixels lend one another in `radiance/reuse.rs`.
+//! Entries are here, what they record in `radiance/record.rs`, the steps of a path in `radiance/path.rs`, what paths of several pixels lend one another in `radiance/reuse.rs`, what they
+//! do at clear glass in `radiance/splitting.rs` and `radiance/through_glass.rs`.
 
 mod cone;
 mod first_surface;

@@ -191,9 +191,10 @@ fn centroid(values: &[f64], [width, height]: [usize; 2], b: [usize; 4], light: b
     let [x_middle, y_middle] = [(x0 + x1) as f64 / 2.0, (y0 + y1) as f64 / 2.0];
     let frame = || (x0..=x1).flat_map(|x| [[x, y0], [x, y1]]).chain((y0 + 1..y1).flat_map(|y| [[x0, y], [x1, y]]));
     let terms = frame().map(|[x, y]| (at(x, y), x as f64 - x_middle, y as f64 - y_middle));
-    let [n, mean, across, down, x2, y2] =
+    let [n, sum, across, down, x2, y2] =
         terms.fold([0.0; 6], |s, (v, x, y)| [s[0] + 1.0, s[1] + v, s[2] + v * x, s[3] + v * y, s[4] + x * x, s[5] + y * y]);
-    let ground = |x: usize, y: usize| mean / n + across / x2 * (x as f64 - x_middle) + down / y2 * (y as f64 - y_middle);
+    let mean = sum / n;
+    let ground = |x: usize, y: usize| mean + across / x2 * (x as f64 - x_middle) + down / y2 * (y as f64 - y_middle);
     let (mut sum, mut moment) = (0.0, [0.0; 2]);
     for y in y0..=y1 {
         for x in x0..=x1 {

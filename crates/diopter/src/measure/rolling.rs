@@ -11,7 +11,7 @@
 //!
 //! Source of the first: M. Meingast, C. Geyer & S. Sastry 2005, "Geometric models of rolling-shutter cameras", section on calibration by a flashing LED.
 
-use super::fit::{least_squares, polynomial};
+use super::fit::{least_squares, polynomial, value as polynomial_at};
 use super::{MeasureError, Plane};
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -112,9 +112,14 @@ struct Wave {
     residual: f64,
 }
 
+/// Where a line lies, from -1 to 1.
+fn place(line: f64, lines: f64) -> f64 {
+    2.0 * (line + 0.5) / lines - 1.0
+}
+
 /// Coefficients of the unknowns at a line.
 fn row(line: f64, lines: f64, frequency: f64) -> Vec<f64> {
-    let x = 2.0 * (line + 0.5) / lines - 1.0;
+    let x = place(line, lines);
     let (sin, cos) = (TAU * frequency * line).sin_cos();
     (0..=FALL_OFF as i32).map(|k| x.powi(k)).chain([cos, sin]).collect()
 }
@@ -200,7 +205,7 @@ impl Dimmed {
     }
 
     fn ground(&self, line: f64) -> f64 {
-        super::fit::value(&self.ground, 2.0 * (line + 0.5) / self.lines - 1.0)
+        polynomial_at(&self.ground, place(line, self.lines))
     }
 
     fn band(&self, line: f64) -> f64 {
@@ -223,7 +228,7 @@ impl Dimmed {
 
     /// Derivatives by the coefficients of G, by those of the bands, and by the phase that the frequency adds over the picture.
     fn slopes(&self, line: f64) -> Vec<f64> {
-        let x = 2.0 * (line + 0.5) / self.lines - 1.0;
+        let x = place(line, self.lines);
         let (sin, cos) = (TAU * self.frequency * line).sin_cos();
         let (ground, band) = (self.ground(line), self.band(line));
         let by_phase = ground * (self.bands[1] * cos - self.bands[0] * sin) * line / self.lines;
@@ -278,10 +283,9 @@ fn of_lamp(plane: &Plane, hz: f64) -> Result<Rolling, MeasureError> {
         return Err(MeasureError::unfit("picture", "no bands", expected));
     };
     // As many unknowns without a wave.
-    let place = |line: f64| 2.0 * (line + 0.5) / lines as f64 - 1.0;
-    let spread: Vec<(f64, f64)> = points.iter().map(|p| (place(p.0), p.1)).collect();
+    let spread: Vec<(f64, f64)> = points.iter().map(|p| (place(p.0, lines as f64), p.1)).collect();
     let smooth = polynomial(&spread, FALL_OFF + 3)
-        .map_or(f64::INFINITY, |all| spread.iter().map(|p| (p.1 - super::fit::value(&all, p.0)).powi(2)).sum());
+        .map_or(f64::INFINITY, |all| spread.iter().map(|p| (p.1 - polynomial_at(&all, p.0)).powi(2)).sum());
     if wave.residual > smooth {
         return Err(MeasureError::unfit("picture", "no bands: it falls off smoothly", expected));
     }
@@ -295,7 +299,6 @@ fn of_lamp(plane: &Plane, hz: f64) -> Result<Rolling, MeasureError> {
     // The bands over the field's own fall-off.
     let fitted: Vec<f64> = points.iter().map(|p| wave.band(p.0)).collect();
     let points: Vec<(f64, f64)> = points.iter().map(|p| (p.0, p.1 / wave.ground(p.0))).collect();
-    let wave_frequency = wave.frequency;
     Ok(Rolling {
         columns,
         direction: None,
@@ -303,7 +306,7 @@ fn of_lamp(plane: &Plane, hz: f64) -> Result<Rolling, MeasureError> {
         line_time_error_s: error / hz,
         readout_s: line_time_s * lines as f64,
         lines,
-        period_lines: Some(1.0 / wave_frequency),
+        period_lines: Some(1.0 / wave.frequency),
         amplitude: Some(relative),
         lean_px: None,
         points,
@@ -462,11 +465,11 @@ mod tests {
     #[test]
     fn bands_are_dimmed_as_their_ground_is() {
         // A portrait frame at cos⁴ of 27° in its corners, a lamp that nearly goes out: 2.4 bands, with noise and without.
-        for (hz, amplitude) in [(0.0, 0.787), (0.02, 0.787), (0.02, 0.2)] {
+        for (noisy, amplitude) in [(0.0, 0.787), (0.02, 0.787), (0.02, 0.2)] {
             let picture = plane(120, 240, |x, y| {
                 let r2 = ((x as f64 - 60.0).powi(2) + (y as f64 - 120.0).powi(2)) / 120f64.powi(2);
                 let light = (1.0 + 0.264 * r2).powi(-2) * (1.0 + amplitude * (TAU * 0.01 * y as f64 + 1.1).sin());
-                light + hz * (noise(x, y) - 0.5)
+                light + noisy * (noise(x, y) - 0.5)
             });
             let found = measure(&picture, Sign::Flicker(100.0)).unwrap();
             assert!((found.line_time_s / 1e-4 - 1.0).abs() < 3e-3, "{amplitude}: {}", found.line_time_s);

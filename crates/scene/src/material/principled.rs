@@ -155,7 +155,7 @@ impl Principled {
     pub(super) fn prepare(&mut self, around: &[f32]) {
         let anisotropic = self.anisotropy.is_some();
         let smooth = matches!(self.roughness, Scalar::Constant(r) if r * r < SMOOTH) && !anisotropic;
-        let body = matches!(self.kind, Transmission::Solid) && !matches!(self.transmission, Scalar::Constant(t) if t <= 0.0);
+        let body = matches!(self.kind, Transmission::Solid) && self.may_transmit();
         prepare_mirrors(anisotropic);
         if self.sheen.is_some() {
             sheen::albedo();
@@ -198,7 +198,12 @@ impl Principled {
     /// Whether it is the smooth surface of a body that light goes through.
     pub(super) fn is_clear_body(&self) -> bool {
         let smooth = matches!(self.roughness, Scalar::Constant(r) if r * r < SMOOTH);
-        !matches!(self.kind, Transmission::Thin) && smooth && !matches!(self.transmission, Scalar::Constant(t) if t <= 0.0)
+        !matches!(self.kind, Transmission::Thin) && smooth && self.may_transmit()
+    }
+
+    /// Whether light may go through somewhere.
+    fn may_transmit(&self) -> bool {
+        !matches!(self.transmission, Scalar::Constant(t) if t <= 0.0)
     }
 
     /// Whether it may be smooth somewhere.
@@ -208,9 +213,7 @@ impl Principled {
 
     /// Whether it may be a smooth thin dielectric that lets light through.
     pub(super) fn may_transmit_straight(&self) -> bool {
-        matches!(self.kind, Transmission::Thin)
-            && self.may_be_smooth()
-            && !matches!(self.transmission, Scalar::Constant(t) if t <= 0.0)
+        matches!(self.kind, Transmission::Thin) && self.may_be_smooth() && self.may_transmit()
     }
 
     /// A base whose light is thrown back at the interface from within, again and again: ρ (1 − F) / (n² (1 − ρ F')), F being what the interface

@@ -379,13 +379,13 @@ impl<'a> Transport<'a> {
         let (lights, wavelengths, direction) = (self.scene.lights(), &path.camera.wavelengths, path.ray.direction);
         let (last, flash, depth) = (path.last, path.flash, path.depth());
         if let Some(environment) = &lights.environment {
-            let weight = last.map_or_else(
-                || self.weight_beside_light_samples(path),
-                |l| {
+            let weight = match last {
+                None => self.weight_beside_light_samples(path),
+                Some(l) => {
                     let chosen = lights.environment_probability(l.point, l.normal, flash);
                     mis(l.density, chosen * environment.pdf(direction))
-                },
-            );
+                }
+            };
             let light = path.throughput * environment.radiance(direction, wavelengths) * (weight * path.emission_fraction);
             path.tally.add_polarized(light, depth, || environment.polarization(direction));
         }
@@ -404,15 +404,15 @@ impl<'a> Transport<'a> {
                 .light_paths
                 .photons
                 .map_or(SampledSpectrum::ONE, |p| p.punctual_emission_fraction(&path.suffix, number));
-            let weight = last.map_or_else(
-                || self.weight_beside_light_samples(path),
-                |l| {
+            let weight = match last {
+                None => self.weight_beside_light_samples(path),
+                Some(l) => {
                     let disc = LightRef::Punctual(number);
                     let connected = |pool| path.camera_subpath.connection_ratio_to_hit(pool, disc, direction, 1.0);
                     let connected = path.camera.light_paths.vertices.map_or(0.0, connected);
                     1.0 / (1.0 + squared_ratio(density, l.density) + connected)
-                },
-            );
+                }
+            };
             path.tally.add(path.throughput * left * disc * (weight * path.emission_fraction), depth);
         }
     }

@@ -5,12 +5,13 @@ use diopter_light::Spectrum;
 use diopter_scene::light::{Punctual, PunctualKind};
 use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{
-    CoatedConductor, Conductor, Emission, EmissionColor, Material, Principled, Scattering, Transmission,
+    CoatedConductor, Conductor, Coverage, Emission, EmissionColor, Material, Principled, Scattering, Transmission,
 };
-use diopter_scene::shape::{Quad, Sphere};
+use diopter_scene::shape::{CurveBasis, CurveKind, Curves, Quad, Sphere};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, Scene, Shape};
-use glam::Vec3;
+use glam::{Affine3A, Vec3, Vec4};
+use std::sync::Arc;
 
 /// Materials of all scenes here.
 const FLOOR: u32 = 0;
@@ -19,6 +20,7 @@ const GLASS: u32 = 2;
 const VARNISH: u32 = 3;
 const DIM: u32 = 4;
 const LACQUER: u32 = 5;
+const HOLES: u32 = 6;
 
 fn emitter(rgb: f32) -> Material {
     let emission = Emission {
@@ -44,7 +46,8 @@ fn materials(albedo: f32) -> Vec<Material> {
     let metal = Conductor { n, k, alpha, across: None, bounces };
     let coated = CoatedConductor::new(metal, 1.5, Scalar::Constant(0.5));
     let lacquer = Material::new("lacquer", Scattering::Coated(Box::new(coated)));
-    vec![floor, emitter(1.0), principled("glass", glass), principled("varnish", varnish), emitter(0.25), lacquer]
+    let holes = Material { coverage: Coverage::Blend(Scalar::Constant(0.5)), ..emitter(1.0) };
+    vec![floor, emitter(1.0), principled("glass", glass), principled("varnish", varnish), emitter(0.25), lacquer, holes]
 }
 
 /// A square `2 half` wide at a height, facing up or down.
@@ -124,7 +127,7 @@ fn the_sun_comes_through_a_pane() {
 #[test]
 fn light_through_glass_is_counted_once() {
     // A white floor among walls that shine alike, bodies of clear glass above it: it looks as the walls do, by light samples straight and bent and by scattered rays together. A ball bends far,
-    // a pane hardly, a lamp within a bulb is seen from all sides.
+    // a pane hardly. A lamp between panes and one with holes are sampled, too, and strands stand in the light.
     let mut materials = materials(1.0);
     materials[LAMP as usize] = emitter(1.0);
     let walls = [level("floor", 0.0, 4.0, true, FLOOR), level("ceiling", 4.0, 4.0, false, LAMP)];
@@ -138,11 +141,14 @@ fn light_through_glass_is_counted_once() {
         side(Vec3::new(-4.0, 0.0, -4.0), Vec3::Z * 8.0),
         side(Vec3::new(4.0, 0.0, -4.0), Vec3::Z * 8.0),
     ];
-    let lamp = ball(Vec3::new(1.2, 0.6, 0.0), 0.1, LAMP);
+    let between = ball(Vec3::new(0.2, 0.8, 0.3), 0.1, LAMP);
+    let holes = level("lamp with holes", 1.5, 1.0, false, HOLES);
     for (what, glass) in [
         ("ball", vec![ball(Vec3::new(0.0, 0.8, 0.3), 0.7, GLASS)]),
         ("pane", pane(0.5, 0.6, 3.9).to_vec()),
-        ("balls", vec![ball(Vec3::new(0.0, 0.8, 0.3), 0.7, GLASS), ball(Vec3::new(-1.0, 1.0, 1.0), 0.6, GLASS), lamp]),
+        ("balls", vec![ball(Vec3::new(0.0, 0.8, 0.3), 0.7, GLASS), ball(Vec3::new(-1.0, 1.0, 1.0), 0.6, GLASS)]),
+        ("lamp between panes", pane(0.5, 0.6, 3.9).into_iter().chain(pane(1.0, 1.1, 3.9)).chain([between]).collect()),
+        ("lamp with holes", pane(0.5, 0.6, 3.9).into_iter().chain([holes]).collect()),
     ] {
         let objects = walls.iter().chain(&sides).cloned().chain(glass).collect();
         let scene = Scene::build(Description { materials: materials.clone(), objects, ..Default::default() }).unwrap();
@@ -150,6 +156,16 @@ fn light_through_glass_is_counted_once() {
         assert_within((found, error), [1.0; 4], 2e-3, what);
         assert!(error[0] < 0.01, "{what}: {}", error[0]);
     }
+    // A white strand below the pane: shadow rays leave it where it ends, not from its middle.
+    let points = (0..4).map(|k| Vec4::new(-0.3 + 0.2 * k as f32, 0.2, 0.3, 0.03)).collect();
+    let (kind, basis) = (CurveKind::Cylinder, CurveBasis::Bezier);
+    let strand = Curves { kind, basis, points, segments: vec![0], normals: Vec::new() };
+    let shape = Shape::Curves { curves: 0, world_from_curves: Affine3A::IDENTITY };
+    let objects = walls.iter().chain(&sides).cloned().chain(pane(0.5, 0.6, 3.9)).chain([Object::new("strand", shape, FLOOR)]);
+    let (objects, curves) = (objects.collect(), vec![Arc::new(strand)]);
+    let scene = Scene::build(Description { materials: materials.clone(), objects, curves, ..Default::default() }).unwrap();
+    let found = mean(&scene, Vec3::new(0.0, 0.4, -0.5), Vec3::new(0.0, -0.2, 0.8), 1 << 14, &DEEP);
+    assert_within(found, [1.0; 4], 3e-3, "strand");
     // Lacquered metal behind the pane and seen through it, lit by the walls.
     let objects =
         walls.iter().chain(&sides).cloned().chain(pane(0.5, 0.6, 3.9)).chain([ball(Vec3::new(0.0, 1.5, 0.0), 0.5, LACQUER)]);
