@@ -22,6 +22,7 @@ const PARTS: usize = 2048;
 const ALL_PARTS: usize = 1 << 15;
 /// Bins of the split above the chunks.
 const BINS: usize = 32;
+
 impl Bvh {
     /// Builds the hierarchy over primitives. Triangles with corners that are not finite must have been sorted out. Panics where nodes, blocks of triangles or numbers of
     /// others reach 2³⁰.
@@ -40,24 +41,30 @@ impl Bvh {
         }
         let mut joined = Joined::new(primitives);
         let most_parts = (ALL_PARTS / chunks.len()).clamp(1, PARTS);
-        let mut builders: Vec<BinaryBuilder> =
-            (0..rayon::current_num_threads().max(1)).map(|_| BinaryBuilder::default()).collect();
+        let mut builders: Vec<ChunkBuilder> = (0..rayon::current_num_threads().max(1)).map(|_| ChunkBuilder::default()).collect();
         for batch in chunks.chunks(BATCH * builders.len()) {
-            let of_builder = |(builder, chunks): (&mut BinaryBuilder, &[(usize, usize)])| -> Vec<Parts> {
-                let parts = chunks.iter().map(|(start, end)| {
+            builders.par_iter_mut().zip(batch.par_chunks(BATCH)).for_each(|(builder, chunks)| {
+                for (made, (start, end)) in builder.made.iter_mut().zip(chunks) {
                     let indices = &indices[*start..*end];
-                    Collapse::new(primitives, indices, builder.build(primitives, indices)).into_parts(most_parts)
-                });
-                parts.collect()
-            };
-            let parts: Vec<_> = builders.par_iter_mut().zip(batch.par_chunks(BATCH)).map(of_builder).collect();
-            parts.into_iter().flatten().for_each(|parts| joined.add(parts));
+                    let tree = builder.binary.build(primitives, indices);
+                    *made = Collapse::new(primitives, indices, tree, std::mem::take(made)).into_parts(most_parts);
+                }
+            });
+            for (builder, chunks) in builders.iter_mut().zip(batch.chunks(BATCH)) {
+                builder.made[..chunks.len()].iter_mut().for_each(|made| joined.add(made));
+            }
         }
         drop(builders);
         joined.finish()
     }
 }
 
+/// What one thread builds chunks with, batch after batch in the same memory: an allocator keeps a good part of what is given back.
+#[derive(Default)]
+struct ChunkBuilder {
+    binary: BinaryBuilder,
+    made: [Parts; BATCH],
+}
 /// How the chunks hang together.
 enum Split {
     Chunk(usize, usize),

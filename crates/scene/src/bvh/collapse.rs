@@ -1,7 +1,7 @@
 //! Collapsing: a binary tree becomes eight-wide nodes and leaf blocks.
 
 use super::binary::BinaryBuilder;
-use super::{Block, Bounds, Bvh, Child, End, Node, Primitive, Primitives};
+use super::{Block, Bounds, Bvh, Child, Node, Primitive, Primitives, Triangle};
 use glam::Vec3;
 use obvhs::bvh2::Bvh2;
 use std::collections::BinaryHeap;
@@ -19,9 +19,11 @@ pub(super) struct Collapse<'a, P> {
     /// Boxes of each node at the two ends of the motion, where there is one.
     ends: Vec<[Bounds; 2]>,
     bvh: Bvh,
+    parts: Vec<Part>,
 }
 
 /// Parts of a hierarchy that something is to hold together.
+#[derive(Default)]
 pub(super) struct Parts {
     pub bvh: Bvh,
     pub parts: Vec<Part>,
@@ -39,20 +41,22 @@ pub(super) enum Part {
 /// The hierarchy of primitives that are not split into chunks.
 pub(super) fn collapse_whole(primitives: &impl Primitives, indices: &[u32]) -> Bvh {
     let mut builder = BinaryBuilder::default();
-    Collapse::new(primitives, indices, builder.build(primitives, indices)).into_whole()
+    Collapse::new(primitives, indices, builder.build(primitives, indices), Parts::default()).into_whole()
 }
 
 impl<'a, P: Primitives> Collapse<'a, P> {
-    pub fn new(primitives: &'a P, indices: &'a [u32], tree: &'a Bvh2) -> Self {
+    /// In the memory of something empty.
+    pub fn new(primitives: &'a P, indices: &'a [u32], tree: &'a Bvh2, Parts { mut bvh, parts }: Parts) -> Self {
         let weight = vec![0; tree.nodes.len()];
         // Blocks hold five triangles or more on average: growing would copy.
-        let (nodes, blocks) = (Vec::with_capacity(indices.len() / 16 + 1), Vec::with_capacity(indices.len() / 4 + 1));
-        let (mut bvh, mut ends) = (Bvh { nodes, blocks, end: None }, Vec::new());
+        bvh.nodes.reserve(indices.len() / 16 + 1);
+        bvh.blocks.reserve(indices.len() / 4 + 1);
+        let mut ends = Vec::new();
         if primitives.moves() {
-            bvh.end = Some(End::default());
+            bvh.end.get_or_insert_default();
             ends = vec![[Bounds::EMPTY; 2]; tree.nodes.len()];
         }
-        let mut collapse = Collapse { primitives, indices, tree, weight, ends, bvh };
+        let mut collapse = Collapse { primitives, indices, tree, weight, ends, bvh, parts };
         collapse.weigh();
         collapse
     }
@@ -116,24 +120,23 @@ impl<'a, P: Primitives> Collapse<'a, P> {
     /// The hierarchy of a tree in up to `most` parts, opened where they are largest.
     pub fn into_parts(mut self, most: usize) -> Parts {
         // Areas are not negative: their bits are ordered as they are.
-        let (mut open, mut alone) = (BinaryHeap::from([(self.area(0).to_bits(), 0)]), Vec::new());
-        while open.len() + alone.len() < most
+        let mut open = BinaryHeap::from([(self.area(0).to_bits(), 0)]);
+        while open.len() + self.parts.len() < most
             && let Some((_, largest)) = open.pop()
         {
             let node = &self.tree.nodes[largest];
             match node.is_leaf() {
-                true => alone.push(Part::Primitive(self.index(largest) as u32)),
+                true => self.parts.push(Part::Primitive(self.index(largest) as u32)),
                 false => open.extend([0, 1].map(|k| node.first_index as usize + k).map(|n| (self.area(n).to_bits(), n))),
             }
         }
         let mut work = Vec::new();
-        let mut parts = alone;
         for (_, node) in open.into_vec() {
-            let child = self.child(node, &mut work);
-            parts.push(Part::Below(child, self.both(node)));
+            let below = Part::Below(self.child(node, &mut work), self.both(node));
+            self.parts.push(below);
         }
         self.widen(work);
-        Parts { bvh: self.bvh, parts }
+        Parts { bvh: self.bvh, parts: self.parts }
     }
 
     /// Whether a node does not fit a block.
@@ -207,7 +210,7 @@ impl<'a, P: Primitives> Collapse<'a, P> {
 
     /// Gathers the triangles below a node into one block.
     fn block(&mut self, node: usize) -> usize {
-        let mut block = Block { corners: [[[0.0; 8]; 3]; 3], id: [u32::MAX; 8], filtered: 0 };
+        let mut block = Block { corners: [[[0.0; 8]; 3]; 3], triangle: [Triangle::ABSENT; 8] };
         let mut end = [[[0.0; 8]; 3]; 3];
         let mut lane = 0;
         // At most eight leaves: never more than eight wait.
@@ -236,8 +239,7 @@ impl<'a, P: Primitives> Collapse<'a, P> {
             {
                 put(&mut end, corners);
             }
-            block.id[lane] = id;
-            block.filtered |= (filtered as u32) << lane;
+            block.triangle[lane] = Triangle::new(id, filtered);
             lane += 1;
         }
         self.bvh.blocks.push(block);

@@ -22,8 +22,8 @@ impl<'a, P: Primitives> Joined<'a, P> {
         joined
     }
 
-    /// Adds a chunk.
-    pub fn add(&mut self, chunk: Parts) {
+    /// Adds a chunk, and leaves it empty.
+    pub fn add(&mut self, chunk: &mut Parts) {
         let (nodes, blocks) = (self.whole.nodes.len(), self.whole.blocks.len());
         let moved = |child: Child| match child {
             Child::ABSENT => child,
@@ -33,16 +33,16 @@ impl<'a, P: Primitives> Joined<'a, P> {
                 ChildKind::Other(_) => child,
             },
         };
-        self.parts.extend(chunk.parts.into_iter().map(|part| match part {
+        self.parts.extend(chunk.parts.drain(..).map(|part| match part {
             Part::Below(child, bounds) => Part::Below(moved(child), bounds),
             alone => alone,
         }));
-        if let (Some(end), Some(part)) = (&mut self.whole.end, chunk.bvh.end) {
-            end.bounds.extend(part.bounds);
-            end.corners.extend(part.corners);
+        if let (Some(end), Some(part)) = (&mut self.whole.end, &mut chunk.bvh.end) {
+            end.bounds.append(&mut part.bounds);
+            end.corners.append(&mut part.corners);
         }
-        self.whole.blocks.extend(chunk.bvh.blocks);
-        self.whole.nodes.extend(chunk.bvh.nodes.into_iter().map(|mut n| {
+        self.whole.blocks.append(&mut chunk.bvh.blocks);
+        self.whole.nodes.extend(chunk.bvh.nodes.drain(..).map(|mut n| {
             n.child = n.child.map(moved);
             n
         }));

@@ -91,7 +91,7 @@ pub enum Primitive {
     Triangle {
         /// Corners, m.
         corners: [Vec3; 3],
-        /// Number in hits.
+        /// Number in hits, below 2³¹.
         id: u32,
         /// Whether hits are passed to [`Filter::accept`].
         filtered: bool,
@@ -213,15 +213,35 @@ impl Child {
     }
 }
 
-/// Up to eight triangles, structure of arrays.
+/// Up to eight triangles, structure of arrays: five cache lines.
 #[derive(Clone, Debug)]
-#[repr(C, align(32))]
+#[repr(C, align(64))]
 struct Block {
     /// `[corner][axis][triangle]`; an absent triangle has all corners at 0.
     corners: [[[f32; 8]; 3]; 3],
-    id: [u32; 8],
-    /// Bit i: triangle i is passed to the filter.
-    filtered: u32,
+    triangle: [Triangle; 8],
+}
+
+/// The number of a triangle, and in the highest bit whether it is passed to the filter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Triangle(u32);
+
+impl Triangle {
+    const ABSENT: Triangle = Triangle(u32::MAX);
+    const FILTERED: u32 = 1 << 31;
+
+    fn new(id: u32, filtered: bool) -> Self {
+        assert!(id < Self::FILTERED, "triangle number {id}");
+        Triangle(id | if filtered { Self::FILTERED } else { 0 })
+    }
+    #[inline(always)]
+    fn id(self) -> u32 {
+        self.0 & !Self::FILTERED
+    }
+    #[inline(always)]
+    fn is_filtered(self) -> bool {
+        self.0 & Self::FILTERED != 0
+    }
 }
 
 /// The hierarchy.

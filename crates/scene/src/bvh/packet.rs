@@ -169,14 +169,14 @@ impl Packet {
                 let t = above.at(simd, i, start) / below.at(simd, i, start);
                 let hit = t.simd_gt(zero) & t.simd_lt(limit) & inside;
                 let mut hit = hit.to_bitmask() as u32 & own;
-                if hit != 0 && block.filtered >> i & 1 == 1 {
+                if hit != 0 && block.triangle[i].is_filtered() {
                     let sum = u + v + w;
                     let (v, w): ([f32; LANES], [f32; LANES]) = ((v / sum).into(), (w / sum).into());
                     let mut asked = hit;
                     while asked != 0 {
                         let lane = asked.trailing_zeros() as usize;
                         asked &= asked - 1;
-                        if !filter(first + lane).accept(block.id[i], v[lane], w[lane]) {
+                        if !filter(first + lane).accept(block.triangle[i].id(), v[lane], w[lane]) {
                             hit &= !(1 << lane);
                         }
                     }

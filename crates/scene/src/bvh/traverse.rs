@@ -69,8 +69,9 @@ impl Bvh {
                         for lane in 0..8 {
                             let limit = best.map_or(t_max, |h| h.t);
                             if let Some((t, u, v)) = self.blocks[b].intersect_plain(lane, origin, &shear, limit) {
-                                let id = self.blocks[b].id[lane];
-                                if self.blocks[b].filtered >> lane & 1 == 0 || filter.accept(id, u, v) {
+                                let triangle = self.blocks[b].triangle[lane];
+                                let id = triangle.id();
+                                if !triangle.is_filtered() || filter.accept(id, u, v) {
                                     best = Some(Hit { t, u, v, id, slot: (b * 8 + lane) as u32, instance: 0 });
                                 }
                             }
@@ -343,10 +344,11 @@ pub(super) fn traverse_from<S: Simd, F: Filter, const ANY: bool, const MOVES: bo
                 while hits != 0 {
                     let i = hits.trailing_zeros() as usize & 7;
                     hits &= hits - 1;
-                    if t[i] < limit && (block.filtered >> i & 1 == 0 || filter.accept(block.id[i], u[i], v[i])) {
+                    let triangle = block.triangle[i];
+                    if t[i] < limit && (!triangle.is_filtered() || filter.accept(triangle.id(), u[i], v[i])) {
                         limit = t[i];
                         best =
-                            Some(Hit { t: t[i], u: u[i], v: v[i], id: block.id[i], slot: (index * 8 + i) as u32, instance: 0 });
+                            Some(Hit { t: t[i], u: u[i], v: v[i], id: triangle.id(), slot: (index * 8 + i) as u32, instance: 0 });
                         if ANY {
                             return best;
                         }
