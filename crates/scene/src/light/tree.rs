@@ -1,11 +1,12 @@
-//! A tree over lights: each step goes to the half that can contribute more to the point in question.
+//! A tree over lights: each step goes to a part by what it can contribute to the point in question.
 //!
 //! Source: Conty Estevez & Kulla 2018, "Importance Sampling of Many Lights with Adaptive Tree Splitting" (without the
-//! splitting), in the form of PBR 12.6.3. For a segment of a ray in a scattering medium: by what reaches all of it.
+//! splitting), in the form of PBR 12.6.3, four children a node. For a segment of a ray in a scattering medium: by what reaches all of it.
 
 use super::segment::Segment;
 use crate::bvh::Bounds;
-use glam::Vec3;
+use glam::{BVec4A, Vec3, Vec4};
+use std::array::from_fn;
 use std::f32::consts::PI;
 
 /// What is known of a light or of many: where, which way, how strong.
@@ -49,6 +50,16 @@ impl LightBounds {
             two_sided: self.two_sided || other.two_sided,
             power: self.power + other.power,
         }
+    }
+
+    /// Cost of lights in one node: power × solid angle × area. Source: Conty Estevez & Kulla 2018, eq. 1.
+    fn cost(&self) -> f32 {
+        let (to, te) = (self.cos_spread.clamp(-1.0, 1.0).acos(), self.cos_emission.acos());
+        let tw = (to + te).min(PI);
+        let sin_o = to.sin();
+        let omega = 2.0 * PI * (1.0 - self.cos_spread)
+            + PI / 2.0 * (2.0 * tw * sin_o - (to - 2.0 * tw).cos() - 2.0 * to * sin_o + self.cos_spread);
+        self.power * omega * self.bounds.half_area().max(1e-12)
     }
 
     /// Estimate of what these lights scatter into a segment of a ray, up to a constant factor: ∫ Φ/r² dt is Φ times the angle of the segment over the
@@ -165,115 +176,219 @@ fn union_of_cones(a: (Vec3, f32), b: (Vec3, f32)) -> (Vec3, f32) {
     (axis.normalize(), spread.cos())
 }
 
+/// Children of a node.
+const WIDTH: usize = 4;
+/// The node above the root.
+const NOTHING: u32 = u32::MAX;
+
+/// Up to four children: lights, or nodes of some. What is known of them for points in the open stands side by side.
 #[derive(Clone, Debug)]
 struct Node {
-    lights: LightBounds,
-    /// Second child (the first follows its parent); 0 for a leaf.
-    second: u32,
-    /// Number of the light at a leaf.
-    light: u32,
-    parent: u32,
+    lights: [LightBounds; WIDTH],
+    count: usize,
+    child: [Child; WIDTH],
+    /// Where the parent has this node: [`WIDTH`] times its number, and which child.
+    place: u32,
+    /// Middles of the boxes (x, y, z) and squares of half their diagonals.
+    center: [Vec4; 3],
+    radius2: Vec4,
+    axis: [Vec4; 3],
+    cos_spread: Vec4,
+    sin_spread: Vec4,
+    cos_emission: Vec4,
+    two_sided: BVec4A,
+    power: Vec4,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Child {
+    Light(u32),
+    Node(u32),
+}
+
+impl Node {
+    fn new(children: &[LightBounds], place: u32) -> Node {
+        // Children that are not there have no power.
+        let none = LightBounds::new(Bounds { min: Vec3::ZERO, max: Vec3::ZERO }, Vec3::Z, PI, PI / 2.0, false, 0.0);
+        let lights: [LightBounds; WIDTH] = from_fn(|k| children.get(k).copied().unwrap_or(none));
+        let lanes = |f: &dyn Fn(&LightBounds) -> f32| Vec4::from_array(lights.each_ref().map(f));
+        let [two_sided_0, two_sided_1, two_sided_2, two_sided_3] = lights.map(|l| l.two_sided);
+        Node {
+            count: children.len(),
+            child: [Child::Light(0); WIDTH],
+            place,
+            center: from_fn(|axis| lanes(&|l| l.bounds.center()[axis])),
+            radius2: lanes(&|l| l.bounds.size().length_squared() * 0.25),
+            axis: from_fn(|axis| lanes(&|l| l.axis[axis])),
+            cos_spread: lanes(&|l| l.cos_spread),
+            sin_spread: lanes(&|l| sin_of(l.cos_spread)),
+            cos_emission: lanes(&|l| l.cos_emission),
+            two_sided: BVec4A::new(two_sided_0, two_sided_1, two_sided_2, two_sided_3),
+            power: lanes(&|l| l.power),
+            lights,
+        }
+    }
+
+    /// [`LightBounds::importance`] of each child.
+    #[inline]
+    fn importances(&self, p: Vec3, n: Vec3) -> Vec4 {
+        let sin_of = |cos: Vec4| (Vec4::ONE - cos * cos).max(Vec4::ZERO).sqrt();
+        let dot = |v: [Vec4; 3], x: Vec4, y: Vec4, z: Vec4| v[0] * x + v[1] * y + v[2] * z;
+        let to_point: [Vec4; 3] = from_fn(|k| Vec4::splat(p[k]) - self.center[k]);
+        let [x, y, z] = to_point;
+        let d2_true = dot(to_point, x, y, z);
+        let d2 = d2_true.max(self.radius2).max(Vec4::splat(1e-12));
+        let length = d2_true.sqrt();
+        let inverse = Vec4::select(d2_true.cmpgt(Vec4::ZERO), length.recip(), Vec4::ZERO);
+        let [x, y, z] = to_point.map(|v| v * inverse);
+        // Angle under which the box is seen.
+        let inside = d2_true.cmple(self.radius2);
+        let seen = self.radius2 * (inverse * inverse);
+        let sin_b = Vec4::select(inside, Vec4::ZERO, seen.sqrt());
+        let cos_b = Vec4::select(inside, Vec4::NEG_ONE, (Vec4::ONE - seen).max(Vec4::ZERO).sqrt());
+        let cos_w = dot(self.axis, x, y, z);
+        let cos_w = Vec4::select(self.two_sided, cos_w.abs(), cos_w);
+        let sin_w = sin_of(cos_w);
+        let within = cos_w.cmpgt(self.cos_spread);
+        let cos_x = Vec4::select(within, Vec4::ONE, cos_w * self.cos_spread + sin_w * self.sin_spread);
+        let sin_x = Vec4::select(within, Vec4::ZERO, sin_w * self.cos_spread - cos_w * self.sin_spread);
+        let cos_less = |cos: Vec4, sin: Vec4| Vec4::select(cos.cmpgt(cos_b), Vec4::ONE, cos * cos_b + sin * sin_b);
+        let cos_out = cos_less(cos_x, sin_x);
+        let mut importance = self.power * cos_out.max(Vec4::ZERO) / d2;
+        if n != Vec3::ZERO {
+            let cos_i = (x * n.x + y * n.y + z * n.z).abs();
+            importance *= cos_less(cos_i, sin_of(cos_i)).max(Vec4::ZERO);
+        }
+        Vec4::select(cos_out.cmpgt(self.cos_emission), importance, Vec4::ZERO)
+    }
+
+    /// [`LightBounds::importance_along`] of each child.
+    fn importances_along(&self, segment: &Segment) -> Vec4 {
+        Vec4::from_array(from_fn(|k| if k < self.count { self.lights[k].importance_along(segment) } else { 0.0 }))
+    }
 }
 
 /// The tree.
 #[derive(Clone, Debug, Default)]
 pub struct Tree {
     nodes: Vec<Node>,
+    /// All lights.
+    whole: Option<LightBounds>,
 }
 
 impl Tree {
-    /// Builds the tree; also gives the leaf of each light, in their order (to ask for its probability later).
+    /// Builds the tree; also gives the place of each light in it, in their order (to ask for its probability later).
     pub fn new(lights: &[LightBounds]) -> (Tree, Vec<u32>) {
-        let mut tree = Tree::default();
-        let mut leaves = vec![0; lights.len()];
+        let mut tree = Tree { nodes: Vec::new(), whole: lights.iter().copied().reduce(LightBounds::union) };
+        let mut places = vec![0; lights.len()];
         let mut order: Vec<u32> = (0..lights.len() as u32).collect();
         if !order.is_empty() {
-            tree.build(lights, &mut order, u32::MAX, &mut leaves);
+            tree.build(lights, &mut order, NOTHING, &mut places);
         }
-        (tree, leaves)
+        (tree, places)
     }
 
-    fn build(&mut self, lights: &[LightBounds], order: &mut [u32], parent: u32, leaves: &mut [u32]) -> u32 {
-        let at = self.nodes.len() as u32;
-        let all = order.iter().map(|i| lights[*i as usize]).reduce(LightBounds::union).expect("not empty");
-        self.nodes.push(Node { lights: all, second: 0, light: order[0], parent });
-        if order.len() == 1 {
-            leaves[order[0] as usize] = at;
-            return at;
+    fn build(&mut self, lights: &[LightBounds], order: &mut [u32], place: u32, places: &mut [u32]) -> u32 {
+        let of = |part: &[u32]| part.iter().map(|i| lights[*i as usize]).reduce(LightBounds::union).expect("not empty");
+        // The most costly of the parts is split in two until there are four.
+        let mut parts = vec![(of(order), order)];
+        while parts.len() < WIDTH {
+            let divisible = parts.iter().enumerate().filter(|(_, (_, order))| order.len() > 1);
+            let Some((k, _)) = divisible.max_by(|(_, (a, _)), (_, (b, _))| a.cost().total_cmp(&b.cost())) else { break };
+            let (all, order) = parts.remove(k);
+            let middle = split(lights, order, &all);
+            let (a, b) = order.split_at_mut(middle);
+            parts.extend([(of(a), a), (of(b), b)]);
         }
-        let middle = split(lights, order, &all);
-        let (a, b) = order.split_at_mut(middle);
-        self.build(lights, a, at, leaves);
-        let second = self.build(lights, b, at, leaves);
-        self.nodes[at as usize].second = second;
+        let at = self.nodes.len() as u32;
+        let children: Vec<LightBounds> = parts.iter().map(|(all, _)| *all).collect();
+        self.nodes.push(Node::new(&children, place));
+        for (k, (_, order)) in parts.into_iter().enumerate() {
+            let place = at * WIDTH as u32 + k as u32;
+            let child = match *order {
+                [light] => {
+                    places[light as usize] = place;
+                    Child::Light(light)
+                }
+                _ => Child::Node(self.build(lights, order, place, places)),
+            };
+            self.nodes[at as usize].child[k] = child;
+        }
         at
     }
 
     /// Estimate of what all lights together bring to a point (m) with a unit normal, 0 where there is none; in the unit of their power over m².
     #[inline]
     pub fn importance(&self, p: Vec3, n: Vec3) -> f32 {
-        self.nodes.first().map_or(0.0, |root| root.lights.importance(p, n))
-    }
-
-    /// Probability of the first child of an inner node.
-    #[inline]
-    fn first_child_probability(&self, node: u32, importance: impl Fn(&LightBounds) -> f32) -> Option<f32> {
-        let a = importance(&self.nodes[node as usize + 1].lights);
-        let b = importance(&self.nodes[self.nodes[node as usize].second as usize].lights);
-        (a + b > 0.0).then(|| a / (a + b))
+        self.whole.map_or(0.0, |whole| whole.importance(p, n))
     }
 
     /// The number of a light for the point (m) and its probability, by `u` in [0, 1). `None` where no light can contribute. Panics without lights.
     pub fn choose(&self, p: Vec3, n: Vec3, u: f32) -> Option<(usize, f32)> {
-        self.choose_by(u, |lights| lights.importance(p, n))
+        self.choose_by(u, |node| node.importances(p, n))
     }
 
     /// The number of a light for a segment of a ray and its probability, by `u` in [0, 1). `None` where no light can contribute. Panics without lights.
     pub fn choose_along(&self, segment: &Segment, u: f32) -> Option<(usize, f32)> {
-        self.choose_by(u, |lights| lights.importance_along(segment))
+        self.choose_by(u, |node| node.importances_along(segment))
     }
 
     #[inline]
-    fn choose_by(&self, mut u: f32, importance: impl Fn(&LightBounds) -> f32 + Copy) -> Option<(usize, f32)> {
-        let mut node = 0u32;
-        let mut probability = 1.0;
+    fn choose_by(&self, mut u: f32, importances: impl Fn(&Node) -> Vec4) -> Option<(usize, f32)> {
+        let (mut node, mut probability) = (&self.nodes[0], 1.0);
         loop {
-            let here = &self.nodes[node as usize];
-            if here.second == 0 {
-                return Some((here.light as usize, probability));
+            let mut chosen = 0;
+            if node.count > 1 {
+                let importances = importances(node);
+                let total = importances.element_sum();
+                if !(total > 0.0) {
+                    return None;
+                }
+                let (mut before, mut threshold) = (0.0, u * total);
+                for (k, importance) in importances.to_array().into_iter().enumerate() {
+                    // Rounding may leave the last one with something.
+                    if importance > 0.0 {
+                        (chosen, before) = (k, importance);
+                        if threshold < importance {
+                            break;
+                        }
+                        threshold -= importance;
+                    }
+                }
+                u = (threshold / before).clamp(0.0, 1.0 - f32::EPSILON);
+                probability *= before / total;
             }
-            let fraction = self.first_child_probability(node, importance)?;
-            if u < fraction {
-                u /= fraction;
-                probability *= fraction;
-                node += 1;
-            } else {
-                u = (u - fraction) / (1.0 - fraction);
-                probability *= 1.0 - fraction;
-                node = here.second;
+            match node.child[chosen] {
+                Child::Light(light) => return Some((light as usize, probability)),
+                Child::Node(next) => node = &self.nodes[next as usize],
             }
         }
     }
 
-    /// Probability with which [`Tree::choose`] ends at a leaf.
-    pub fn probability(&self, p: Vec3, n: Vec3, leaf: u32) -> f32 {
-        self.probability_by(leaf, |lights| lights.importance(p, n))
+    /// Probability with which [`Tree::choose`] ends at the light that has a place.
+    pub fn probability(&self, p: Vec3, n: Vec3, place: u32) -> f32 {
+        self.probability_by(place, |node| node.importances(p, n))
     }
 
-    /// Probability with which [`Tree::choose_along`] ends at a leaf.
-    pub fn probability_along(&self, segment: &Segment, leaf: u32) -> f32 {
-        self.probability_by(leaf, |lights| lights.importance_along(segment))
+    /// Probability with which [`Tree::choose_along`] ends at the light that has a place.
+    pub fn probability_along(&self, segment: &Segment, place: u32) -> f32 {
+        self.probability_by(place, |node| node.importances_along(segment))
     }
 
     #[inline]
-    fn probability_by(&self, leaf: u32, importance: impl Fn(&LightBounds) -> f32 + Copy) -> f32 {
+    fn probability_by(&self, mut place: u32, importances: impl Fn(&Node) -> Vec4) -> f32 {
         let mut probability = 1.0;
-        let mut node = leaf;
-        while self.nodes[node as usize].parent != u32::MAX {
-            let parent = self.nodes[node as usize].parent;
-            let Some(fraction) = self.first_child_probability(parent, importance) else { return 0.0 };
-            probability *= if node == parent + 1 { fraction } else { 1.0 - fraction };
-            node = parent;
+        while place != NOTHING {
+            let node = &self.nodes[place as usize / WIDTH];
+            if node.count > 1 {
+                let importances = importances(node);
+                let total = importances.element_sum();
+                if !(total > 0.0) {
+                    return 0.0;
+                }
+                probability *= importances[place as usize % WIDTH] / total;
+            }
+            place = node.place;
         }
         probability
     }
@@ -283,15 +398,6 @@ impl Tree {
 fn split(lights: &[LightBounds], order: &mut [u32], all: &LightBounds) -> usize {
     const BINS: usize = 12;
     let centers = Bounds::around(order.iter().map(|i| lights[*i as usize].bounds.center()));
-    let cost = |b: &LightBounds| {
-        let (to, te) = (b.cos_spread.clamp(-1.0, 1.0).acos(), b.cos_emission.acos());
-        let tw = (to + te).min(PI);
-        let sin_o = to.sin();
-        // Conty & Kulla eq. 1.
-        let omega = 2.0 * PI * (1.0 - b.cos_spread)
-            + PI / 2.0 * (2.0 * tw * sin_o - (to - 2.0 * tw).cos() - 2.0 * to * sin_o + b.cos_spread);
-        b.power * omega * b.bounds.half_area().max(1e-12)
-    };
     let mut best: Option<(f32, usize, usize)> = None;
     for axis in 0..3 {
         let extent = centers.size()[axis];
@@ -311,7 +417,7 @@ fn split(lights: &[LightBounds], order: &mut [u32], all: &LightBounds) -> usize 
         let regularity = all.bounds.size().max_element() / extent.max(1e-12);
         for k in 1..BINS {
             if let (Some(a), Some(b)) = (side(0..k), side(k..BINS)) {
-                let c = (cost(&a) + cost(&b)) * regularity;
+                let c = (a.cost() + b.cost()) * regularity;
                 if best.is_none_or(|(least, ..)| c < least) {
                     best = Some((c, axis, k));
                 }
@@ -351,6 +457,37 @@ mod tests {
                 assert!((tree.probability(p, n, leaves[light]) / probability - 1.0).abs() < 1e-3);
             }
         }
+    }
+
+    #[test]
+    fn four_children_side_by_side_are_as_each_alone() {
+        let mut lights = lamps(100);
+        // Points, spots, a light with a wide cone of normals.
+        let at = Bounds { min: Vec3::splat(4.0), max: Vec3::splat(4.0) };
+        lights.push(LightBounds::new(at, Vec3::Z, PI, PI / 2.0, false, 3.0));
+        lights.push(LightBounds::new(at, Vec3::X, 0.0, 0.4, false, 3.0));
+        lights.push(LightBounds::new(Bounds { min: Vec3::ZERO, max: Vec3::ONE }, Vec3::X, 1.0, PI / 2.0, true, 3.0));
+        let (tree, _) = Tree::new(&lights);
+        let mut seen = 0;
+        for i in 0..200u32 {
+            let p = Vec3::from_array(std::array::from_fn(|k| to_unit(mix(i * 3 + k as u32)) * 12.0 - 1.0));
+            let n = if i % 4 == 0 { Vec3::ZERO } else { Vec3::new(1.0, i as f32 / 100.0 - 1.0, 0.5).normalize() };
+            for node in &tree.nodes {
+                let lanes = node.importances(p, n).to_array();
+                for k in 0..node.count {
+                    let alone = node.lights[k].importance(p, n);
+                    assert!(
+                        (lanes[k] - alone).abs() <= 2e-3 * alone.max(1e-3),
+                        "{p} {n} {:?}: {} {alone}",
+                        node.lights[k],
+                        lanes[k]
+                    );
+                    seen += usize::from(alone > 0.0);
+                }
+                assert!(lanes[node.count..].iter().all(|v| *v == 0.0));
+            }
+        }
+        assert!(seen > 1000);
     }
 
     #[test]
