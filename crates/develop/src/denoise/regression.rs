@@ -2,14 +2,17 @@
 //! how much patches of the *guide* resemble each other. Source: Bitterli et al. 2016, "Nonlinearly weighted first-order regression for denoising
 //! Monte Carlo renderings" (CGF 35), §3; distance of patches: Rousselle et al. 2012, "Adaptive rendering with non-local means filtering" (TOG 31), eq. 3.
 //!
-//! The normal equations of a line of [`LINE`] pixels stay in the first cache while all offsets of the window are added, with inner loops of a fixed
-//! length that compilers turn into vectors. Two places where this differs from the sources: the window is dense near its centre and a checkerboard
-//! farther out, and exp(-d) is (1 - d/16)¹⁶, which ends at d = 16 and needs no exponential. Every pixel is computed by itself from its window, in
-//! one order: results depend neither on threads nor on where tiles begin.
+//! The normal equations of a line of [`LINE`] pixels stay in the first cache while all offsets of the window are added, sixteen pixels a step, in
+//! copies for the instruction sets of processors; sums and products are rounded each by itself, so the bits are the same. Two places where this
+//! differs from the sources: the window is dense near its centre and a checkerboard farther out, and exp(-d) is (1 - d/16)¹⁶, which ends at d = 16
+//! and needs no exponential. Every pixel is computed by itself from its window, in one order: results depend neither on threads nor on where tiles
+//! begin.
 
 use super::{FEATURES, Planes};
+use fearless_simd::{Level, Simd, dispatch, f32x16, prelude::*};
 use rayon::prelude::*;
 use std::array::from_fn;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Neighbours up to this far away count at most, px.
@@ -31,6 +34,10 @@ const TERMS: usize = FEATURES + 1;
 const PAIRS: usize = TERMS * (TERMS + 1) / 2;
 /// Pixels that are computed together: all sums of a line of three bands take 15 KB.
 const LINE: usize = 32;
+/// Pixels of one step.
+const LANES: usize = 16;
+/// Pixels whose equations are solved together.
+const SOLVED: usize = 8;
 /// Rows of a tile, whose weights are computed together.
 const ROWS: usize = 16;
 /// Columns and rows of a tile with what it depends on.
@@ -39,6 +46,7 @@ const PADDED: [usize; 2] = [LINE + 2 * REACH, ROWS + 2 * REACH];
 const INNER: [usize; 2] = [LINE + 2 * PATCH, ROWS + 2 * PATCH];
 
 type Line = [f32; LINE];
+type Solved = [f64; SOLVED];
 
 /// Widths of the weights: the second is half as wide, its weights are the fourth power of those of the first.
 pub const WIDTHS: usize = 2;
@@ -65,7 +73,7 @@ pub fn filter(
         }
         let pad = |planes: &Planes| planes.iter().map(|p| padded(p, size, *corner)).collect::<Vec<_>>();
         let tile = Tile { half: pad(half), guide: pad(guide), variance: pad(variance), features: pad(features) };
-        Some(tile.filtered(&offsets, size, *corner))
+        Some(dispatch!(level(), simd => tile.filtered(simd, &offsets, size, *corner)))
     };
     let tiles: Option<Vec<Vec<Line>>> = corners.par_iter().map(of_tile).collect();
     let tiles = tiles?;
@@ -83,6 +91,11 @@ pub fn filter(
     Some(out)
 }
 
+fn level() -> Level {
+    static LEVEL: OnceLock<Level> = OnceLock::new();
+    *LEVEL.get_or_init(Level::new)
+}
+
 /// Neighbours of the window, the pixel itself among them.
 fn offsets(window: i64) -> Vec<[i64; 2]> {
     let all = (-window..=window).flat_map(|dy| (-window..=window).map(move |dx| [dx, dy]));
@@ -95,7 +108,10 @@ fn padded(plane: &[f32], [w, h]: [usize; 2], [x, y]: [usize; 2]) -> Vec<f32> {
     let inside = |i: usize, n: usize| i.saturating_sub(REACH).min(n - 1);
     for row in y..y + PADDED[1] {
         let line = &plane[inside(row, h) * w..][..w];
-        to.extend((x..x + PADDED[0]).map(|column| line[inside(column, w)]));
+        match x.checked_sub(REACH).and_then(|left| line.get(left..left + PADDED[0])) {
+            Some(whole) => to.extend_from_slice(whole),
+            None => to.extend((x..x + PADDED[0]).map(|column| line[inside(column, w)])),
+        }
     }
     to
 }
@@ -114,81 +130,75 @@ struct Sums {
     right: Vec<[Line; TERMS]>,
 }
 
-/// A line of a padded plane.
-fn line(plane: &[f32], start: usize) -> &Line {
-    plane[start..start + LINE].try_into().expect("a line has LINE pixels")
-}
-
-/// sum += a b
-#[inline(always)]
-fn add_product(sum: &mut Line, a: &Line, b: &Line) {
-    for x in 0..LINE {
-        sum[x] += a[x] * b[x];
-    }
-}
-
 impl Sums {
+    #[inline(always)]
     fn new(bands: usize) -> Self {
         Sums { pairs: [[0.0; LINE]; PAIRS], right: vec![[[0.0; LINE]; TERMS]; bands] }
     }
 
-    /// Adds a neighbour of each pixel: its weight, how its features differ, and its values.
-    fn add(&mut self, weight: &Line, steps: &[Line; FEATURES], values: &[&Line]) {
-        let mut weighted = [*weight; TERMS];
-        for (to, step) in weighted[1..].iter_mut().zip(steps) {
-            for x in 0..LINE {
-                to[x] *= step[x];
-            }
-        }
+    /// Adds a neighbour of [`LANES`] pixels from `start` on: its weight, how its features differ, and its values.
+    #[inline(always)]
+    fn add<S: Simd>(&mut self, simd: S, start: usize, weight: f32x16<S>, steps: &[f32x16<S>; FEATURES], values: &[f32x16<S>]) {
+        let weighted: [f32x16<S>; TERMS] = from_fn(|k| if k == 0 { weight } else { weight * steps[k - 1] });
+        let add = |sum: &mut Line, product: f32x16<S>| {
+            let sum = &mut sum[start..start + LANES];
+            (f32x16::from_slice(simd, sum) + product).store_slice(sum);
+        };
         let mut entry = 0;
         for i in 0..TERMS {
             // The first term is the constant.
             for j in i..TERMS {
-                let sum = &mut self.pairs[entry];
-                match j {
-                    0 => (0..LINE).for_each(|x| sum[x] += weight[x]),
-                    j => add_product(sum, &weighted[i], &steps[j - 1]),
-                }
+                let product = if j == 0 { weight } else { weighted[i] * steps[j - 1] };
+                add(&mut self.pairs[entry], product);
                 entry += 1;
             }
         }
         for (right, values) in self.right.iter_mut().zip(values) {
             for (sum, weighted) in right.iter_mut().zip(&weighted) {
-                add_product(sum, weighted, values);
+                add(sum, *weighted * *values);
             }
         }
     }
 
-    /// Values of each band at the pixels themselves.
-    fn solve(&self) -> Vec<Line> {
-        let mut out = vec![[0.0; LINE]; self.right.len()];
-        for x in 0..LINE {
-            let mut matrix = [[0.0f64; TERMS]; TERMS];
+    /// Adds the values of each band at the pixels themselves.
+    #[inline(always)]
+    fn solve(&self, out: &mut Vec<Line>) {
+        let first_band = out.len();
+        out.extend((0..self.right.len()).map(|_| [0.0; LINE]));
+        for start in (0..LINE).step_by(SOLVED) {
+            let at = |line: &Line| -> Solved { from_fn(|x| f64::from(line[start + x])) };
+            let mut matrix = [[[0.0; SOLVED]; TERMS]; TERMS];
             let mut entry = 0;
             for r in 0..TERMS {
                 for c in r..TERMS {
                     // The lower triangle is enough.
-                    matrix[c][r] = f64::from(self.pairs[entry][x]);
+                    matrix[c][r] = at(&self.pairs[entry]);
                     entry += 1;
                 }
             }
             let total = matrix[0][0];
-            (1..TERMS).for_each(|k| matrix[k][k] += RIDGE * total);
+            (1..TERMS).for_each(|k| matrix[k][k] = from_fn(|x| matrix[k][k][x] + RIDGE * total[x]));
             let first = first_row_of_inverse(&matrix);
-            for (to, right) in out.iter_mut().zip(&self.right) {
-                to[x] = (0..TERMS).map(|k| first[k] * f64::from(right[k][x])).sum::<f64>() as f32;
+            for (to, right) in out[first_band..].iter_mut().zip(&self.right) {
+                let mut value = [0.0; SOLVED];
+                for (first, right) in first.iter().zip(right) {
+                    let right = at(right);
+                    (0..SOLVED).for_each(|x| value[x] += first[x] * right[x]);
+                }
+                (0..SOLVED).for_each(|x| to[start + x] = value[x] as f32);
             }
         }
-        out
     }
 }
 
 impl Tile {
     /// Lines of the tile, `[row][width][band]`.
-    fn filtered(&self, offsets: &[[i64; 2]], size: [usize; 2], corner: [usize; 2]) -> Vec<Line> {
+    #[inline(always)]
+    fn filtered<S: Simd>(&self, simd: S, offsets: &[[i64; 2]], size: [usize; 2], corner: [usize; 2]) -> Vec<Line> {
         let weights = self.weights(offsets, size, corner);
         let n = self.half.len();
         let mut out = Vec::with_capacity(ROWS * WIDTHS * n);
+        let mut values = vec![f32x16::splat(simd, 0.0); n];
         for row in 0..ROWS {
             let mut sums: [Sums; WIDTHS] = from_fn(|_| Sums::new(n));
             let here = (row + REACH) * PADDED[0] + REACH;
@@ -198,21 +208,23 @@ impl Tile {
                     continue;
                 }
                 let there = (here as i64 + dy * PADDED[0] as i64 + dx) as usize;
-                let steps: [Line; FEATURES] = from_fn(|k| {
-                    let (a, b) = (line(&self.features[k], here), line(&self.features[k], there));
-                    from_fn(|x| b[x] - a[x])
-                });
-                let values: Vec<&Line> = self.half.iter().map(|p| line(p, there)).collect();
-                let narrow: Line = from_fn(|x| wide[x] * wide[x] * (wide[x] * wide[x]));
-                sums[0].add(wide, &steps, &values);
-                sums[1].add(&narrow, &steps, &values);
+                for start in (0..LINE).step_by(LANES) {
+                    let at = |plane: &[f32], from: usize| f32x16::from_slice(simd, &plane[from + start..][..LANES]);
+                    let steps = from_fn(|k| at(&self.features[k], there) - at(&self.features[k], here));
+                    let wide = at(wide, 0);
+                    let narrow = wide * wide * (wide * wide);
+                    values.iter_mut().zip(&self.half).for_each(|(to, plane)| *to = at(plane, there));
+                    sums[0].add(simd, start, wide, &steps, &values);
+                    sums[1].add(simd, start, narrow, &steps, &values);
+                }
             }
-            out.extend(sums.iter().flat_map(Sums::solve));
+            sums.iter().for_each(|sums| sums.solve(&mut out));
         }
         out
     }
 
     /// Weights of the wider kind, `[offset][row]`; 0 for neighbours outside the picture.
+    #[inline(always)]
     fn weights(&self, offsets: &[[i64; 2]], [w, h]: [usize; 2], [left, top]: [usize; 2]) -> Vec<Line> {
         let side = 2 * PATCH + 1;
         let scale = 1.0 / (16.0 * WIDTH_SQUARED * (side * side * self.guide.len()) as f32);
@@ -261,25 +273,36 @@ impl Tile {
     }
 }
 
-/// First row of the inverse of a symmetric positive matrix, of which the lower triangle is given: what makes the value at the pixel of the sums (Cholesky).
-fn first_row_of_inverse(m: &[[f64; TERMS]; TERMS]) -> [f64; TERMS] {
-    let mut l = [[0.0; TERMS]; TERMS];
+/// First row of the inverse of symmetric positive matrices, of which the lower triangles are given: what makes the value at the pixel of the sums (Cholesky).
+#[inline(always)]
+fn first_row_of_inverse(m: &[[Solved; TERMS]; TERMS]) -> [Solved; TERMS] {
+    let mut l = [[[0.0; SOLVED]; TERMS]; TERMS];
     // Of the diagonal the inverse is kept.
     for i in 0..TERMS {
         for j in 0..=i {
-            let s: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
-            l[i][j] = if i == j { 1.0 / (m[i][i] - s).max(1e-30).sqrt() } else { (m[i][j] - s) * l[j][j] };
+            let mut s = [0.0; SOLVED];
+            for k in 0..j {
+                (0..SOLVED).for_each(|x| s[x] += l[i][k][x] * l[j][k][x]);
+            }
+            let left: Solved = from_fn(|x| m[i][j][x] - s[x]);
+            l[i][j] = if i == j { left.map(|d| 1.0 / d.max(1e-30).sqrt()) } else { from_fn(|x| left[x] * l[j][j][x]) };
         }
     }
     // L y = e₀, then Lᵀ x = y.
-    let mut x = [0.0; TERMS];
+    let mut y = [[0.0; SOLVED]; TERMS];
     for i in 0..TERMS {
-        let s: f64 = (0..i).map(|k| l[i][k] * x[k]).sum();
-        x[i] = (f64::from(u8::from(i == 0)) - s) * l[i][i];
+        let mut s = [0.0; SOLVED];
+        for k in 0..i {
+            (0..SOLVED).for_each(|x| s[x] += l[i][k][x] * y[k][x]);
+        }
+        y[i] = from_fn(|x| (f64::from(u8::from(i == 0)) - s[x]) * l[i][i][x]);
     }
     for i in (0..TERMS).rev() {
-        let s: f64 = (i + 1..TERMS).map(|k| l[k][i] * x[k]).sum();
-        x[i] = (x[i] - s) * l[i][i];
+        let mut s = [0.0; SOLVED];
+        for k in i + 1..TERMS {
+            (0..SOLVED).for_each(|x| s[x] += l[k][i][x] * y[k][x]);
+        }
+        y[i] = from_fn(|x| (y[i][x] - s[x]) * l[i][i][x]);
     }
-    x
+    y
 }

@@ -21,7 +21,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// Samples a pixel where nothing but denoised pictures is made: what a denoiser makes good of.
-const DENOISED_SPP: u32 = 20;
+const DENOISED_SPP: u32 = 16;
 
 impl Shot {
     /// Facts as known so far.
