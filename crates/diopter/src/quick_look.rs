@@ -15,8 +15,10 @@ use crate::Camera;
 use crate::depth_of_field::circle_mm;
 use diopter_image::{FocalPlane, Raster};
 use diopter_lens::{Iris, Lens, Pinhole};
+use diopter_light::instruction_set;
 use diopter_light::units::Millimeters;
-use glam::{DVec2, DVec4, Vec4};
+use fearless_simd::{Simd, dispatch, f64x4, prelude::*};
+use glam::{DVec2, DVec4};
 use rayon::prelude::*;
 
 /// Rows of a shape's table.
@@ -276,13 +278,106 @@ impl Spans {
 #[derive(Clone, Copy)]
 struct Source {
     /// Light and coverage a unit of area.
-    light: Vec4,
+    light: [f32; 4],
     /// Where the rows of its shape begin among the spans; its own row is `side` further.
     rows: u32,
     side: u16,
     layer: u8,
     front: bool,
     place: u16,
+}
+
+/// A sharp picture, ready to be blurred.
+struct Sharp {
+    width: usize,
+    height: usize,
+    layers: usize,
+    /// By place, behind and before the sharp plane.
+    spans: Vec<[Spans; 2]>,
+    sources: Vec<Source>,
+    /// [`Source::side`] of all.
+    sides: Vec<u16>,
+    /// Of each row the largest.
+    reach: Vec<usize>,
+}
+
+impl Sharp {
+    /// Lays down the edges of a row of what a source spreads, `dy` rows below it, as if it stood in a column that may be beyond the picture.
+    #[inline(always)]
+    fn spread<S: Simd>(&self, simd: S, source: &Source, dy: i64, column: i64, edges: &mut [[f64; 4]]) {
+        let rows = &self.spans[source.place as usize][usize::from(source.front)].rows;
+        let [half, middle] = rows[(i64::from(source.rows) + i64::from(source.side) + dy) as usize];
+        let line = &mut edges[source.layer as usize * (self.width + 2)..][..self.width + 2];
+        let middle = column as f32 + 0.5 + middle;
+        // In double precision: what a lamp adds at one end must be gone after the other.
+        let light = f64x4::from_slice(simd, &source.light.map(f64::from));
+        for (at, light) in [(middle - half, light), (middle + half, -light)] {
+            let at = at.clamp(0.0, self.width as f32);
+            let i = at as usize;
+            let second = light * f64::from(at - i as f32);
+            let first = light - second;
+            (f64x4::from_slice(simd, &line[i]) + first).store_slice(&mut line[i]);
+            (f64x4::from_slice(simd, &line[i + 1]) + second).store_slice(&mut line[i + 1]);
+        }
+    }
+
+    /// A row of the blurred picture, of `n` channels a pixel; `edges` is room for a row of each layer and two more pixels.
+    #[inline(always)]
+    fn row<S: Simd>(&self, simd: S, y: usize, n: usize, edges: &mut [[f64; 4]], row: &mut [f32]) {
+        let Sharp { width, height, layers, .. } = *self;
+        let farthest = self.reach.iter().copied().max().unwrap_or(0);
+        edges.fill([0.0; 4]);
+        // Beyond the picture its border goes on: what is blurred there spreads into it.
+        for from in y as i64 - farthest as i64..=(y + farthest) as i64 {
+            let line_of = from.clamp(0, height as i64 - 1) as usize;
+            let dy = y as i64 - from;
+            let away = dy.unsigned_abs() as usize;
+            if self.reach[line_of] < away {
+                continue;
+            }
+            let start = line_of * width;
+            let sides = &self.sides[start..start + width];
+            for (x, side) in sides.iter().enumerate() {
+                if *side as usize >= away {
+                    self.spread(simd, &self.sources[start + x], dy, x as i64, edges);
+                }
+            }
+            for (column, outside) in [(0, 1), (width - 1, -1i64)] {
+                let side = sides[column] as usize;
+                if side >= away {
+                    for k in 1..=side as i64 {
+                        self.spread(simd, &self.sources[start + column], dy, column as i64 - outside * k, edges);
+                    }
+                }
+            }
+        }
+        // Sums along the row, then layers from the nearest on.
+        let mut sums = [DVec4::ZERO; MOST_LAYERS];
+        for (x, to) in row.chunks_exact_mut(n).enumerate() {
+            let (mut left, mut all, mut behind) = (1.0, DVec4::ZERO, DVec4::ZERO);
+            for (k, sum) in sums[..layers].iter_mut().enumerate() {
+                *sum += DVec4::from_array(edges[k * (width + 2) + x]);
+                let coverage = sum.w;
+                if coverage <= LEAST || left <= 0.0 {
+                    continue;
+                }
+                let taken = coverage.min(left);
+                let part = *sum * (taken / coverage);
+                if all.w > 0.0 {
+                    behind += part;
+                }
+                all += part;
+                left -= taken;
+            }
+            if left > 0.0 && all.w > 0.0 {
+                let filler = if behind.w > BEHIND { behind } else { all };
+                all += filler * (left / filler.w);
+            }
+            for (c, to) in to.iter_mut().enumerate() {
+                *to = all[c].max(0.0) as f32;
+            }
+        }
+    }
 }
 
 /// Blurs a sharp picture (`[row][column][channel]`, up to three channels of linear light) by its depth (m along the axis; infinite where
@@ -319,83 +414,16 @@ pub fn quick_look(picture: &Raster<f32>, depth: &[f32], optics: &Optics) -> Opti
                 *to = (from * spread * area / axis_area) as f32;
             }
             light[3] = spread as f32;
-            Source { light: Vec4::from_array(light), rows, side: side as u16, layer: layer as u8, front, place: place as u16 }
+            Source { light, rows, side: side as u16, layer: layer as u8, front, place: place as u16 }
         })
         .collect();
     let sides: Vec<u16> = sources.iter().map(|s| s.side).collect();
     let reach: Vec<usize> = sides.par_chunks(width).map(|row| row.iter().copied().max().unwrap_or(0) as usize).collect();
-    let farthest = reach.iter().copied().max().unwrap_or(0);
+    let sharp = Sharp { width, height, layers, spans, sources, sides, reach };
     let mut out = Raster::<f32>::new(width, height, n);
     out.data.par_chunks_mut(width * n).enumerate().for_each_init(
-        || vec![DVec4::ZERO; layers * (width + 2)],
-        |edges, (y, row)| {
-            edges.fill(DVec4::ZERO);
-            // Beyond the picture its border goes on: what is blurred there spreads into it.
-            for from in y as i64 - farthest as i64..=(y + farthest) as i64 {
-                let line_of = from.clamp(0, height as i64 - 1) as usize;
-                let dy = y as i64 - from;
-                let away = dy.unsigned_abs() as usize;
-                if reach[line_of] < away {
-                    continue;
-                }
-                let start = line_of * width;
-                let mut spread = |place: i64, column: usize| {
-                    let s = &sources[start + column];
-                    let rows = &spans[s.place as usize][usize::from(s.front)].rows;
-                    let [half, middle] = rows[(i64::from(s.rows) + i64::from(s.side) + dy) as usize];
-                    let line = &mut edges[s.layer as usize * (width + 2)..(s.layer as usize + 1) * (width + 2)];
-                    let middle = place as f32 + 0.5 + middle;
-                    // In double precision: what a lamp adds at one end must be gone after the other.
-                    let mut edge = |at: f32, light: DVec4| {
-                        let at = at.clamp(0.0, width as f32);
-                        let i = at as usize;
-                        let second = light * f64::from(at - i as f32);
-                        line[i] += light - second;
-                        line[i + 1] += second;
-                    };
-                    let light = s.light.as_dvec4();
-                    edge(middle - half, light);
-                    edge(middle + half, -light);
-                };
-                for (x, side) in sides[start..start + width].iter().enumerate() {
-                    if *side as usize >= away {
-                        spread(x as i64, x);
-                    }
-                }
-                for (column, outside) in [(0, 1), (width - 1, -1i64)] {
-                    let side = sides[start + column] as usize;
-                    if side >= away {
-                        (1..=side as i64).for_each(|k| spread(column as i64 - outside * k, column));
-                    }
-                }
-            }
-            // Sums along the row, then layers from the nearest on.
-            let mut sums = [DVec4::ZERO; MOST_LAYERS];
-            for (x, to) in row.chunks_exact_mut(n).enumerate() {
-                let (mut left, mut all, mut behind) = (1.0, DVec4::ZERO, DVec4::ZERO);
-                for (k, sum) in sums[..layers].iter_mut().enumerate() {
-                    *sum += edges[k * (width + 2) + x];
-                    let coverage = sum.w;
-                    if coverage <= LEAST || left <= 0.0 {
-                        continue;
-                    }
-                    let taken = coverage.min(left);
-                    let part = *sum * (taken / coverage);
-                    if all.w > 0.0 {
-                        behind += part;
-                    }
-                    all += part;
-                    left -= taken;
-                }
-                if left > 0.0 && all.w > 0.0 {
-                    let filler = if behind.w > BEHIND { behind } else { all };
-                    all += filler * (left / filler.w);
-                }
-                for (c, to) in to.iter_mut().enumerate() {
-                    *to = all[c].max(0.0) as f32;
-                }
-            }
-        },
+        || vec![[0.0; 4]; layers * (width + 2)],
+        |edges, (y, row)| dispatch!(instruction_set::widest(), simd => sharp.row(simd, y, n, edges, row)),
     );
     Some(out)
 }

@@ -7,10 +7,10 @@
 //! derivatives are differences of the exact slopes, and those by curvature differences of the shape (to about 1e-8).
 
 use crate::batch::double::{Batch, Indices, LANES, Lanes, Packet};
-use crate::batch::level;
 use crate::ray::TraceDirection;
 use crate::surface::Profile;
 use crate::system::System;
+use diopter_light::instruction_set;
 use fearless_simd::{Simd, dispatch, f64x8, prelude::*};
 use glam::{DMat3, DVec3};
 
@@ -166,7 +166,7 @@ impl Differentiated {
             let indices = [n[i], if step.mirror { n[i] } else { n[i + 1] }];
             crossings.push(Crossing::default());
             let crossing = &mut crossings[i];
-            dispatch!(level(), simd => cross(simd, step, before, &packet, indices, crossing));
+            dispatch!(instruction_set::widest(), simd => cross(simd, step, before, &packet, indices, crossing));
         }
         Some(Traced { crossings, end: packet, image_index: n[surfaces] })
     }
@@ -175,7 +175,7 @@ impl Differentiated {
     pub fn gradient(&self, traced: &Traced, quantity: Quantity) -> Gradient {
         let mut gradient = Gradient { by: vec![[0.0; LANES]; self.plan.count], by_start: [[0.0; LANES]; 6] };
         for half in 0..LANES / HALF {
-            dispatch!(level(), simd => reverse(simd, self, traced, quantity, half * HALF, &mut gradient));
+            dispatch!(instruction_set::widest(), simd => reverse(simd, self, traced, quantity, half * HALF, &mut gradient));
         }
         gradient
     }

@@ -4,11 +4,12 @@
 //! A path carries four wavelengths ([`SampledWavelengths`]); every spectral quantity on it is a [`SampledSpectrum`] of four values.
 //! Out of scope: fluorescence, colour appearance models.
 //!
-//! To be read in this order: [`table`], [`cie`], [`wavelength`], [`upsample`], [`color`], [`spectrum`]; each knows only those before it. Beside them stand [`units`], [`ray`], [`names`], [`sampling`] and [`lattice`], which know of no colour, [`random`] (the numbers of a sample) and [`polarization`]
+//! To be read in this order: [`table`], [`cie`], [`wavelength`], [`upsample`], [`color`], [`spectrum`]; each knows only those before it. Beside them stand [`units`], [`ray`], [`names`], [`sampling`], [`lattice`] and [`instruction_set`], which know of no colour, [`random`] (the numbers of a sample) and [`polarization`]
 //! (Stokes vectors and Mueller matrices). Begin with [`SampledWavelengths`] and [`Spectrum`].
 
 pub mod cie;
 pub mod color;
+pub mod instruction_set;
 pub mod lattice;
 pub mod names;
 pub mod polarization;

@@ -9,10 +9,10 @@
 //! begin.
 
 use super::{FEATURES, Planes};
-use fearless_simd::{Level, Simd, dispatch, f32x16, prelude::*};
+use diopter_light::instruction_set;
+use fearless_simd::{Simd, dispatch, f32x16, prelude::*};
 use rayon::prelude::*;
 use std::array::from_fn;
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Neighbours up to this far away count at most, px.
@@ -73,7 +73,7 @@ pub fn filter(
         }
         let pad = |planes: &Planes| planes.iter().map(|p| padded(p, size, *corner)).collect::<Vec<_>>();
         let tile = Tile { half: pad(half), guide: pad(guide), variance: pad(variance), features: pad(features) };
-        Some(dispatch!(level(), simd => tile.filtered(simd, &offsets, size, *corner)))
+        Some(dispatch!(instruction_set::widest(), simd => tile.filtered(simd, &offsets, size, *corner)))
     };
     let tiles: Option<Vec<Vec<Line>>> = corners.par_iter().map(of_tile).collect();
     let tiles = tiles?;
@@ -89,11 +89,6 @@ pub fn filter(
         }
     }
     Some(out)
-}
-
-fn level() -> Level {
-    static LEVEL: OnceLock<Level> = OnceLock::new();
-    *LEVEL.get_or_init(Level::new)
 }
 
 /// Neighbours of the window, the pixel itself among them.

@@ -27,7 +27,8 @@ use crate::ray::{TraceDirection, TracedRay};
 use crate::surface::{Asphere, Profile};
 use crate::system::System;
 use coated::{Coated, coatings};
-use fearless_simd::{Level, Simd, dispatch};
+use diopter_light::instruction_set;
+use fearless_simd::{Simd, dispatch};
 use glam::DVec3;
 use index_fit::{TERMS, fit};
 use kernel::kernel;
@@ -37,15 +38,10 @@ use prepared::prepared;
 use refracting::{Rays, Refracting, refract_double, refract_single};
 use shapes::shapes;
 use std::ops::Range;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 /// Newton steps of an aspheric intersection after the conic's; the last ones change nothing a float holds.
 const NEWTON_STEPS: usize = 7;
-
-pub(crate) fn level() -> Level {
-    static LEVEL: OnceLock<Level> = OnceLock::new();
-    *LEVEL.get_or_init(Level::new)
-}
 
 macro_rules! batch {
     ($module:ident, $float:ident, $lanes:literal, $vector:ident, $mask:ident, $refract:ident, $doc:literal) => {

@@ -287,7 +287,7 @@ macro_rules! prepared {
 
             /// Index of every gap at each lane's wavelength (nm), into `out`; NaN where a glass has none, which blocks the lane.
             pub fn indices(&self, nm: &Lanes, out: &mut Indices) {
-                dispatch!(level(), simd => indices(simd, self, nm, out));
+                dispatch!(instruction_set::widest(), simd => indices(simd, self, nm, out));
                 for gap in &self.unfitted {
                     for (lane, nm) in nm.iter().enumerate() {
                         let index = self.media[*gap].index(*nm as f64);
@@ -323,7 +323,7 @@ macro_rules! prepared {
 
             /// The one place where the kernel is compiled, for each kind of processor.
             fn traced(&self, packet: &mut Packet, n: &Indices, nm: Option<&Lanes>, way: TraceDirection, surfaces: Range<usize>) -> u32 {
-                dispatch!(level(), simd => trace(simd, self, packet, n, nm, way, surfaces))
+                dispatch!(instruction_set::widest(), simd => trace(simd, self, packet, n, nm, way, surfaces))
             }
         }
     };

@@ -2,8 +2,8 @@
 //! Scrambling", JCGT 9(4).
 
 use super::{mix, to_unit};
-use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*, u32x8};
-use std::sync::OnceLock;
+use crate::instruction_set;
+use fearless_simd::{Simd, dispatch, f32x8, prelude::*, u32x8};
 
 /// Multipliers of the scramble, and what tells dimensions and hashes apart.
 const SCRAMBLE: [u32; 3] = [0x3d20_adea, 0x0552_6c56, 0x53a2_2864];
@@ -39,8 +39,7 @@ pub(super) fn point(seed: u32, reversed_index: u16) -> [f32; 4] {
 /// The same of two nets.
 #[inline]
 pub(super) fn two_points(seeds: [u32; 2], reversed_index: u16) -> [[f32; 4]; 2] {
-    static LEVEL: OnceLock<Level> = OnceLock::new();
-    dispatch!(*LEVEL.get_or_init(Level::new), simd => two(simd, seeds, reversed_index))
+    dispatch!(instruction_set::widest(), simd => two(simd, seeds, reversed_index))
 }
 
 #[inline(always)]

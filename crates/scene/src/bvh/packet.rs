@@ -8,9 +8,9 @@
 //! Kensler & Shirley 2006, "Optimizing Ray-Triangle Intersection via Automated Search"): the two triangles at an edge find the same number of opposite signs, so that no ray passes between them, and it is off by rounding of the size of
 //! the edge times the distance, not of the square of that.
 
-use super::traverse::{Prepared, WIDEN, level, not_zero, traverse_from};
+use super::traverse::{Prepared, WIDEN, not_zero, traverse_from};
 use super::{Block, Bvh, Child, ChildKind, Filter, Node};
-use diopter_light::Ray;
+use diopter_light::{Ray, instruction_set};
 use fearless_simd::{Simd, dispatch, f32x8, f32x16, prelude::*};
 use glam::Vec3;
 
@@ -37,7 +37,7 @@ impl Bvh {
     /// Panics on more rays.
     #[inline]
     pub fn any_of<F: Filter>(&self, rays: &[(Ray, f32)], bundle: Bundle, filter: impl Fn(usize) -> F) -> u32 {
-        dispatch!(level(), simd => any_of(simd, self, rays, bundle, &filter))
+        dispatch!(instruction_set::widest(), simd => any_of(simd, self, rays, bundle, &filter))
     }
 }
 

@@ -1,25 +1,20 @@
 //! Traversal: eight boxes or eight triangles at a step, the nearest child first.
 
 use super::{Block, Bvh, Child, ChildKind, Filter, Hit};
-use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
+use diopter_light::instruction_set;
+use fearless_simd::{Simd, dispatch, f32x8, prelude::*};
 use glam::Vec3;
-use std::sync::OnceLock;
 
 /// Children waiting on the way down that fit the array; a power of two. More go to the heap.
 const STACK: usize = 64;
 /// 1 + 2γ₃: what the box test may be off by (Ize 2013).
 pub(super) const WIDEN: f32 = 1.000_000_8;
 
-pub(super) fn level() -> Level {
-    static LEVEL: OnceLock<Level> = OnceLock::new();
-    *LEVEL.get_or_init(Level::new)
-}
-
 impl Bvh {
     /// Nearest hit with 0 < t < `t_max` along `origin + t direction`; distances count in lengths of `direction`, which need not be 1.
     #[inline]
     pub fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> Option<Hit> {
-        dispatch!(level(), simd => traverse::<_, _, false, false>(simd, self, origin, direction, 0.0, t_max, filter))
+        dispatch!(instruction_set::widest(), simd => traverse::<_, _, false, false>(simd, self, origin, direction, 0.0, t_max, filter))
     }
 
     /// Nearest hit, as [`Bvh::closest`], in a hierarchy that moves, at a fraction (0 to 1) of its motion.
@@ -28,7 +23,7 @@ impl Bvh {
         match self.end {
             None => self.closest(origin, direction, t_max, filter),
             Some(_) => {
-                dispatch!(level(), simd => traverse::<_, _, false, true>(simd, self, origin, direction, fraction, t_max, filter))
+                dispatch!(instruction_set::widest(), simd => traverse::<_, _, false, true>(simd, self, origin, direction, fraction, t_max, filter))
             }
         }
     }
@@ -39,7 +34,7 @@ impl Bvh {
         match self.end {
             None => self.any(origin, direction, t_max, filter),
             Some(_) => {
-                dispatch!(level(), simd => traverse::<_, _, true, true>(simd, self, origin, direction, fraction, t_max, filter))
+                dispatch!(instruction_set::widest(), simd => traverse::<_, _, true, true>(simd, self, origin, direction, fraction, t_max, filter))
                     .is_some()
             }
         }
@@ -48,7 +43,7 @@ impl Bvh {
     /// Whether there is any hit with 0 < t < `t_max`, as [`Bvh::closest`] counts them.
     #[inline]
     pub fn any(&self, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> bool {
-        dispatch!(level(), simd => traverse::<_, _, true, false>(simd, self, origin, direction, 0.0, t_max, filter)).is_some()
+        dispatch!(instruction_set::widest(), simd => traverse::<_, _, true, false>(simd, self, origin, direction, 0.0, t_max, filter)).is_some()
     }
 
     /// The same as [`Bvh::closest`] by plain loops over every triangle of every block that a plain box test reaches: the
