@@ -187,6 +187,22 @@ fn load<S: Simd>(simd: S, lanes: &Lanes, from: usize) -> f64x8<S> {
     f64x8::from_slice(simd, &lanes[from..from + HALF])
 }
 
+// What is called more than once is no closure: that would not be inlined, and so be compiled without the instructions of the lanes.
+#[inline(always)]
+fn dot<S: Simd>(a: [f64x8<S>; 3], b: [f64x8<S>; 3]) -> f64x8<S> {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[inline(always)]
+fn row<S: Simd>(simd: S, m: &DMat3, r: usize) -> [f64x8<S>; 3] {
+    [f64x8::splat(simd, m.col(0)[r]), f64x8::splat(simd, m.col(1)[r]), f64x8::splat(simd, m.col(2)[r])]
+}
+
+#[inline(always)]
+fn rotated<S: Simd>(simd: S, m: &DMat3, v: [f64x8<S>; 3]) -> [f64x8<S>; 3] {
+    [dot(row(simd, m, 0), v), dot(row(simd, m, 1), v), dot(row(simd, m, 2), v)]
+}
+
 /// Slope over r of a rotational shape, and d²z/dx² = slope/r + x² × second (its derivative by r, over r).
 #[inline(always)]
 fn round_slopes<S: Simd>(simd: S, c: f64, k: f64, a: &[f64], r2: f64x8<S>) -> [f64x8<S>; 2] {
@@ -253,7 +269,7 @@ fn cross<S: Simd>(simd: S, step: &Step, before: [Lanes; 3], after: &Packet, [n0,
         let [x, y] = [0, 1].map(|i| load(simd, &c.place[i], from));
         let [dx, dy, dz] = [0, 1, 2].map(|i| load(simd, &c.direction[i], from));
         let [ex, ey, ez] = [0, 1, 2].map(|i| load(simd, &away[i], from));
-        let cosines = |[nx, ny, nz]: [f64x8<S>; 3]| (dx * nx + dy * ny + dz * nz, ex * nx + ey * ny + ez * nz);
+        let (incoming, outgoing) = ([dx, dy, dz], [ex, ey, ez]);
         // Slope over r and second, where the shape is rotational.
         let (normal, over_cos0, over_cos1, round);
         match step.profile.conic_and_powers() {
@@ -263,7 +279,7 @@ fn cross<S: Simd>(simd: S, step: &Step, before: [Lanes; 3], after: &Packet, [n0,
                 let c2 = curvature * curvature;
                 let root = (one - c2 * (x * x + y * y)).max(f64x8::splat(simd, 1e-12)).sqrt();
                 normal = [-(curvature * x), -(curvature * y), root];
-                let (cos0, cos1) = cosines(normal);
+                let (cos0, cos1) = (dot(incoming, normal), dot(outgoing, normal));
                 let inverse = one / (root * cos0 * cos1);
                 (over_cos0, over_cos1) = (inverse * root * cos1, inverse * root * cos0);
                 let over_root = inverse * cos0 * cos1;
@@ -279,7 +295,7 @@ fn cross<S: Simd>(simd: S, step: &Step, before: [Lanes; 3], after: &Packet, [n0,
                 };
                 let nz = one / (one + sx * sx + sy * sy).sqrt();
                 normal = [-(sx * nz), -(sy * nz), nz];
-                let (cos0, cos1) = cosines(normal);
+                let (cos0, cos1) = (dot(incoming, normal), dot(outgoing, normal));
                 (over_cos0, over_cos1) = (one / cos0, one / cos1);
             }
         }
@@ -288,7 +304,7 @@ fn cross<S: Simd>(simd: S, step: &Step, before: [Lanes; 3], after: &Packet, [n0,
             (second * x * y).store_slice(&mut c.second[1][from..to]);
             (over_r + second * y * y).store_slice(&mut c.second[2][from..to]);
         }
-        let (cos0, cos1) = cosines(normal);
+        let (cos0, cos1) = (dot(incoming, normal), dot(outgoing, normal));
         let (bend, by_cosine, by_ratio);
         if step.mirror {
             bend = -(cos0 + cos0);
@@ -362,10 +378,9 @@ fn reverse<S: Simd>(simd: S, lens: &Differentiated, traced: &Traced, quantity: Q
     let mut index_after = zero;
     let end = &traced.end;
     let [ex, ey, ez] = [&end.dx, &end.dy, &end.dz].map(|v| load(simd, v, from));
-    let to_plane = |z: &Lanes| (f64x8::splat(simd, lens.film_z) - load(simd, z, from)) / ez;
     match quantity {
         Quantity::Place(axis) => {
-            let t = to_plane(&end.z);
+            let t = (f64x8::splat(simd, lens.film_z) - load(simd, &end.z, from)) / ez;
             let slope = if axis == 0 { ex } else { ey } / ez;
             p[axis] = one;
             p[2] = -slope;
@@ -375,7 +390,7 @@ fn reverse<S: Simd>(simd: S, lens: &Differentiated, traced: &Traced, quantity: Q
         }
         Quantity::Cosine(axis) => d[axis] = one,
         Quantity::Path => {
-            let t = to_plane(&end.z);
+            let t = (f64x8::splat(simd, lens.film_z) - load(simd, &end.z, from)) / ez;
             let n = f64x8::splat(simd, traced.image_index) / ez;
             (p[2], d[2], shift) = (-n, -(n * t), n);
             path = one;
@@ -388,12 +403,8 @@ fn reverse<S: Simd>(simd: S, lens: &Differentiated, traced: &Traced, quantity: Q
         if let Some(number) = lens.plan.gaps[i] {
             shift.store_slice(&mut out.by[number][from..to]);
         }
-        let turn = |m: DMat3, v: [f64x8<S>; 3]| {
-            let row = |r: usize| [0, 1, 2].map(|k| f64x8::splat(simd, m.col(k)[r]));
-            [row(0), row(1), row(2)].map(|[a, b, e]| a * v[0] + b * v[1] + e * v[2])
-        };
         if let Some((rotation, _)) = &step.frame {
-            (p, d) = (turn(*rotation, p), turn(*rotation, d));
+            (p, d) = (rotated(simd, rotation, p), rotated(simd, rotation, d));
         }
         let normal = [0, 1, 2].map(|k| load(simd, &c.normal[k], from));
         let before = [0, 1, 2].map(|k| load(simd, &c.direction[k], from));
@@ -402,7 +413,6 @@ fn reverse<S: Simd>(simd: S, lens: &Differentiated, traced: &Traced, quantity: Q
         let ratio = f64x8::splat(simd, c.indices[0] / c.indices[1]);
         let [by_cosine, by_ratio] = [0, 1].map(|k| load(simd, &c.bend_by[k], from));
         let [xx, xy, yy] = [0, 1, 2].map(|k| load(simd, &c.second[k], from));
-        let dot = |a: [f64x8<S>; 3], b: [f64x8<S>; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
         let bent = dot(d, normal);
         let turned = by_cosine * bent;
         // By the normal, less what lies along it; then by the slopes.
@@ -422,7 +432,7 @@ fn reverse<S: Simd>(simd: S, lens: &Differentiated, traced: &Traced, quantity: Q
         let moved = [0, 1, 2].map(|k| behind[k] - p[k]);
         shift += match &step.frame {
             None => moved[2],
-            Some((rotation, _)) => turn(rotation.transpose(), moved)[2],
+            Some((rotation, _)) => rotated(simd, &rotation.transpose(), moved)[2],
         };
         // Mirrors do not know an index: only paths on either side do.
         let by_ratio_of_indices = if step.mirror { zero } else { by_index * f64x8::splat(simd, 1.0 / c.indices[1]) };
@@ -452,7 +462,7 @@ fn reverse<S: Simd>(simd: S, lens: &Differentiated, traced: &Traced, quantity: Q
             (by_sag * sag + by_slope[0] * sx + by_slope[1] * sy).store_slice(&mut out.by[*number][from..to]);
         }
         if let Some((rotation, _)) = &step.frame {
-            (p, d) = (turn(rotation.transpose(), p), turn(rotation.transpose(), d));
+            (p, d) = (rotated(simd, &rotation.transpose(), p), rotated(simd, &rotation.transpose(), d));
         }
     }
     for k in 0..3 {

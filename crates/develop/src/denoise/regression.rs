@@ -125,6 +125,17 @@ struct Sums {
     right: Vec<[Line; TERMS]>,
 }
 
+// Functions, not closures: what is not inlined would be compiled without the instructions of the lanes.
+#[inline(always)]
+fn lanes<S: Simd>(simd: S, from: &[f32]) -> f32x16<S> {
+    f32x16::from_slice(simd, &from[..LANES])
+}
+
+#[inline(always)]
+fn add_lanes<S: Simd>(simd: S, sum: &mut [f32], product: f32x16<S>) {
+    (f32x16::from_slice(simd, sum) + product).store_slice(sum);
+}
+
 impl Sums {
     #[inline(always)]
     fn new(bands: usize) -> Self {
@@ -134,23 +145,22 @@ impl Sums {
     /// Adds a neighbour of [`LANES`] pixels from `start` on: its weight, how its features differ, and its values.
     #[inline(always)]
     fn add<S: Simd>(&mut self, simd: S, start: usize, weight: f32x16<S>, steps: &[f32x16<S>; FEATURES], values: &[f32x16<S>]) {
-        let weighted: [f32x16<S>; TERMS] = from_fn(|k| if k == 0 { weight } else { weight * steps[k - 1] });
-        let add = |sum: &mut Line, product: f32x16<S>| {
-            let sum = &mut sum[start..start + LANES];
-            (f32x16::from_slice(simd, sum) + product).store_slice(sum);
-        };
+        let mut weighted = [weight; TERMS];
+        for (weighted, step) in weighted[1..].iter_mut().zip(steps) {
+            *weighted = weight * *step;
+        }
         let mut entry = 0;
         for i in 0..TERMS {
             // The first term is the constant.
             for j in i..TERMS {
                 let product = if j == 0 { weight } else { weighted[i] * steps[j - 1] };
-                add(&mut self.pairs[entry], product);
+                add_lanes(simd, &mut self.pairs[entry][start..start + LANES], product);
                 entry += 1;
             }
         }
         for (right, values) in self.right.iter_mut().zip(values) {
             for (sum, weighted) in right.iter_mut().zip(&weighted) {
-                add(sum, *weighted * *values);
+                add_lanes(simd, &mut sum[start..start + LANES], *weighted * *values);
             }
         }
     }
@@ -204,11 +214,16 @@ impl Tile {
                 }
                 let there = (here as i64 + dy * PADDED[0] as i64 + dx) as usize;
                 for start in (0..LINE).step_by(LANES) {
-                    let at = |plane: &[f32], from: usize| f32x16::from_slice(simd, &plane[from + start..][..LANES]);
-                    let steps = from_fn(|k| at(&self.features[k], there) - at(&self.features[k], here));
-                    let wide = at(wide, 0);
+                    let (here, there) = (here + start, there + start);
+                    let mut steps = [f32x16::splat(simd, 0.0); FEATURES];
+                    for (step, plane) in steps.iter_mut().zip(&self.features) {
+                        *step = lanes(simd, &plane[there..]) - lanes(simd, &plane[here..]);
+                    }
+                    for (value, plane) in values.iter_mut().zip(&self.half) {
+                        *value = lanes(simd, &plane[there..]);
+                    }
+                    let wide = lanes(simd, &wide[start..]);
                     let narrow = wide * wide * (wide * wide);
-                    values.iter_mut().zip(&self.half).for_each(|(to, plane)| *to = at(plane, there));
                     sums[0].add(simd, start, wide, &steps, &values);
                     sums[1].add(simd, start, narrow, &steps, &values);
                 }
