@@ -297,8 +297,9 @@ struct Sharp {
     sources: Vec<Source>,
     /// [`Source::side`] of all.
     sides: Vec<u16>,
-    /// Of each row the largest.
+    /// Of each row the largest, and of all.
     reach: Vec<usize>,
+    farthest: usize,
 }
 
 impl Sharp {
@@ -324,8 +325,7 @@ impl Sharp {
     /// A row of the blurred picture, of `n` channels a pixel; `edges` is room for a row of each layer and two more pixels.
     #[inline(always)]
     fn row<S: Simd>(&self, simd: S, y: usize, n: usize, edges: &mut [[f64; 4]], row: &mut [f32]) {
-        let Sharp { width, height, layers, .. } = *self;
-        let farthest = self.reach.iter().copied().max().unwrap_or(0);
+        let Sharp { width, height, layers, farthest, .. } = *self;
         edges.fill([0.0; 4]);
         // Beyond the picture its border goes on: what is blurred there spreads into it.
         for from in y as i64 - farthest as i64..=(y + farthest) as i64 {
@@ -419,7 +419,8 @@ pub fn quick_look(picture: &Raster<f32>, depth: &[f32], optics: &Optics) -> Opti
         .collect();
     let sides: Vec<u16> = sources.iter().map(|s| s.side).collect();
     let reach: Vec<usize> = sides.par_chunks(width).map(|row| row.iter().copied().max().unwrap_or(0) as usize).collect();
-    let sharp = Sharp { width, height, layers, spans, sources, sides, reach };
+    let farthest = reach.iter().copied().max().unwrap_or(0);
+    let sharp = Sharp { width, height, layers, spans, sources, sides, reach, farthest };
     let mut out = Raster::<f32>::new(width, height, n);
     out.data.par_chunks_mut(width * n).enumerate().for_each_init(
         || vec![[0.0; 4]; layers * (width + 2)],

@@ -65,6 +65,7 @@ struct ChunkBuilder {
     binary: BinaryBuilder,
     made: [Parts; BATCH],
 }
+
 /// How the chunks hang together.
 enum Split {
     Chunk(usize, usize),

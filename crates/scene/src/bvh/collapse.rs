@@ -45,7 +45,7 @@ pub(super) fn collapse_whole(primitives: &impl Primitives, indices: &[u32]) -> B
 }
 
 impl<'a, P: Primitives> Collapse<'a, P> {
-    /// In the memory of something empty.
+    /// The last argument is empty: its memory is used again.
     pub fn new(primitives: &'a P, indices: &'a [u32], tree: &'a Bvh2, Parts { mut bvh, parts }: Parts) -> Self {
         let weight = vec![0; tree.nodes.len()];
         // Blocks hold five triangles or more on average: growing would copy.

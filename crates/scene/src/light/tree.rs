@@ -112,7 +112,7 @@ impl LightBounds {
         if self.two_sided { most(self.axis).max(most(-self.axis)) } else { most(self.axis) }
     }
 
-    /// Upper estimate of what these lights can contribute at `p` with normal `n`, up to a constant factor.
+    /// Upper estimate of what these lights can contribute at `p` with normal `n`, up to a constant factor: of all, and the plain twin of [`Node::importances`].
     fn importance(&self, p: Vec3, n: Vec3) -> f32 {
         let center = self.bounds.center();
         let to_point = p - center;
@@ -277,18 +277,18 @@ pub struct Tree {
 }
 
 impl Tree {
-    /// Builds the tree; also gives the place of each light in it, in their order (to ask for its probability later).
+    /// Builds the tree; also gives the leaf of each light, in their order (to ask for its probability later).
     pub fn new(lights: &[LightBounds]) -> (Tree, Vec<u32>) {
         let mut tree = Tree { nodes: Vec::new(), whole: lights.iter().copied().reduce(LightBounds::union) };
-        let mut places = vec![0; lights.len()];
+        let mut leaves = vec![0; lights.len()];
         let mut order: Vec<u32> = (0..lights.len() as u32).collect();
         if !order.is_empty() {
-            tree.build(lights, &mut order, NOTHING, &mut places);
+            tree.build(lights, &mut order, NOTHING, &mut leaves);
         }
-        (tree, places)
+        (tree, leaves)
     }
 
-    fn build(&mut self, lights: &[LightBounds], order: &mut [u32], place: u32, places: &mut [u32]) -> u32 {
+    fn build(&mut self, lights: &[LightBounds], order: &mut [u32], place: u32, leaves: &mut [u32]) -> u32 {
         let of = |part: &[u32]| part.iter().map(|i| lights[*i as usize]).reduce(LightBounds::union).expect("not empty");
         // The most costly of the parts is split in two until there are four.
         let mut parts = vec![(of(order), order)];
@@ -307,10 +307,10 @@ impl Tree {
             let place = at * WIDTH as u32 + k as u32;
             let child = match *order {
                 [light] => {
-                    places[light as usize] = place;
+                    leaves[light as usize] = place;
                     Child::Light(light)
                 }
-                _ => Child::Node(self.build(lights, order, place, places)),
+                _ => Child::Node(self.build(lights, order, place, leaves)),
             };
             self.nodes[at as usize].child[k] = child;
         }
@@ -365,19 +365,19 @@ impl Tree {
         }
     }
 
-    /// Probability with which [`Tree::choose`] ends at the light that has a place.
-    pub fn probability(&self, p: Vec3, n: Vec3, place: u32) -> f32 {
-        self.probability_by(place, |node| node.importances(p, n))
+    /// Probability with which [`Tree::choose`] ends at a leaf.
+    pub fn probability(&self, p: Vec3, n: Vec3, leaf: u32) -> f32 {
+        self.probability_by(leaf, |node| node.importances(p, n))
     }
 
-    /// Probability with which [`Tree::choose_along`] ends at the light that has a place.
-    pub fn probability_along(&self, segment: &Segment, place: u32) -> f32 {
-        self.probability_by(place, |node| node.importances_along(segment))
+    /// Probability with which [`Tree::choose_along`] ends at a leaf.
+    pub fn probability_along(&self, segment: &Segment, leaf: u32) -> f32 {
+        self.probability_by(leaf, |node| node.importances_along(segment))
     }
 
     #[inline]
-    fn probability_by(&self, mut place: u32, importances: impl Fn(&Node) -> Vec4) -> f32 {
-        let mut probability = 1.0;
+    fn probability_by(&self, leaf: u32, importances: impl Fn(&Node) -> Vec4) -> f32 {
+        let (mut place, mut probability) = (leaf, 1.0);
         while place != NOTHING {
             let node = &self.nodes[place as usize / WIDTH];
             if node.count > 1 {
