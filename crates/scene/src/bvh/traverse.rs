@@ -1,6 +1,6 @@
 //! Traversal: eight boxes or eight triangles at a step, the nearest child first.
 
-use super::{Block, Bvh, Child, ChildKind, Filter, Hit};
+use super::{Block, Bvh, Child, ChildKind, Filter, Hit, Node};
 use diopter_light::instruction_set;
 use fearless_simd::{Simd, dispatch, f32x8, prelude::*};
 use glam::Vec3;
@@ -253,6 +253,12 @@ fn traverse<S: Simd, F: Filter, const ANY: bool, const MOVES: bool>(
     traverse_from::<_, _, ANY, MOVES>(simd, bvh, Child::node(0), &ray, t_max, filter)
 }
 
+/// What waits on the way down: the distance at which a box is entered above, the child below. Distances are not negative, so their bits are ordered as they are.
+#[inline(always)]
+fn met(near: &[f32; 8], node: &Node, i: usize) -> u64 {
+    (near[i & 7].to_bits() as u64) << 32 | node.child[i & 7].0 as u64
+}
+
 /// The same of what lies below a child.
 #[inline(always)]
 pub(super) fn traverse_from<S: Simd, F: Filter, const ANY: bool, const MOVES: bool>(
@@ -265,8 +271,7 @@ pub(super) fn traverse_from<S: Simd, F: Filter, const ANY: bool, const MOVES: bo
 ) -> Option<Hit> {
     let mut best: Option<Hit> = None;
     let mut limit = t_max;
-    // Entries hold the distance of entry above and the child below: distances are not negative, so their bits are ordered
-    // as they are. Few rays need more than the array; it is small because each ray has to clear it.
+    // Few rays need more than the array; it is small because each ray has to clear it.
     let mut stack = [0u64; STACK];
     let mut spilled: Vec<u64> = Vec::new();
     let mut top = 0;
@@ -298,13 +303,34 @@ pub(super) fn traverse_from<S: Simd, F: Filter, const ANY: bool, const MOVES: bo
                     _ => &node.bounds,
                 };
                 let (mut hits, near) = ray.boxes::<MOVES>(simd, Boxes { open: &node.bounds, close }, limit);
+                if hits == 0 {
+                    continue;
+                }
+                // Mostly one child is met, or two.
+                let first = hits.trailing_zeros() as usize & 7;
+                hits &= hits - 1;
+                if hits == 0 {
+                    next = Some(node.child[first].0 as u64);
+                    continue;
+                }
+                let second = hits.trailing_zeros() as usize & 7;
+                hits &= hits - 1;
+                let (one, other) = (met(&near, node, first), met(&near, node, second));
+                let (nearer, farther) = (one.min(other), one.max(other));
+                if hits == 0 && top < STACK && spilled.is_empty() {
+                    next = Some(nearer);
+                    stack[top & (STACK - 1)] = farther;
+                    top += 1;
+                    continue;
+                }
                 // The nearest child is to be on top: sort what is pushed, the farthest first.
                 let mut found = [0u64; 8];
-                let mut count = 0;
+                (found[0], found[1]) = (farther, nearer);
+                let mut count = 2;
                 while hits != 0 {
                     let i = hits.trailing_zeros() as usize & 7;
                     hits &= hits - 1;
-                    let new = (near[i].to_bits() as u64) << 32 | node.child[i].0 as u64;
+                    let new = met(&near, node, i);
                     let mut at = count;
                     if !ANY {
                         while at > 0 && found[at - 1] < new {
@@ -314,9 +340,6 @@ pub(super) fn traverse_from<S: Simd, F: Filter, const ANY: bool, const MOVES: bo
                     }
                     found[at & 7] = new;
                     count += 1;
-                }
-                if count == 0 {
-                    continue;
                 }
                 count -= 1;
                 next = Some(found[count & 7]);
