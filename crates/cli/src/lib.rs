@@ -70,13 +70,25 @@ pub fn run(typed: impl IntoIterator<Item = OsString>) -> u8 {
             watch::say(&format!("diopter: {}", told(&e)));
             let request = e.is::<UsageError>() || e.downcast_ref::<ShotError>().is_some_and(ShotError::is_request);
             let code = if request { 2 } else { 1 };
-            if json {
+            if json && !e.is::<Stopped>() {
                 print_error(&error_json(&e, code));
             }
             code
         }
     }
 }
+
+/// A command that was stopped, after it wrote and printed what it had: its results say so.
+#[derive(Debug)]
+struct Stopped(String);
+
+impl std::fmt::Display for Stopped {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Stopped {}
 
 /// What failed to be written without a name was so on standard output: all other files are named where they are opened.
 fn of_output(e: anyhow::Error) -> anyhow::Error {

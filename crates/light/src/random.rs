@@ -62,6 +62,8 @@ pub enum Dimensions {
     Splitting(u32),
     /// How light that was sampled from the given vertex comes through glass ([`Sampler::stream`]).
     Refracted(u32),
+    /// A light (2) whose image in a mirror (3) is sampled from the given vertex, where on the light (0, 1), and how it comes from there ([`Sampler::stream`]).
+    Mirrored(u32),
 }
 
 impl Dimensions {
@@ -81,6 +83,7 @@ impl Dimensions {
             Dimensions::Joint(vertex) => (10 << 24) + vertex,
             Dimensions::Splitting(vertex) => (11 << 24) + vertex,
             Dimensions::Refracted(vertex) => (12 << 24) + vertex,
+            Dimensions::Mirrored(vertex) => (13 << 24) + vertex,
         }
     }
 }

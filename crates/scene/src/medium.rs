@@ -119,6 +119,11 @@ impl Medium {
         self.volume.is_none() && self.emission.is_none() && self.scattering.is_none()
     }
 
+    /// Whether it sends out light by itself.
+    pub fn shines(&self) -> bool {
+        self.emission.is_some() || self.volume.as_ref().is_some_and(|volume| volume.shines())
+    }
+
     /// One that only absorbs: white light has the colour after the distance (m, > 0), by the law of Beer and Lambert.
     pub fn tint(color: Sigmoid, distance_m: f32) -> Self {
         Medium { absorption: Coefficient::Tint { color, distance_m }, ..Medium::default() }

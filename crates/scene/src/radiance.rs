@@ -17,6 +17,7 @@ mod joint;
 mod light_connection;
 mod media;
 mod medium_segment;
+mod mirrored;
 mod next_event;
 mod path;
 mod prev_scatter;

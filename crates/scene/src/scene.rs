@@ -7,10 +7,12 @@ pub(crate) mod description;
 mod hits;
 pub(crate) use hits::Visibility;
 mod lights;
+mod mirrors;
 mod strands;
 
 pub use description::{CameraProjection, Description, FilmHints, LensTable, MissingTexture, Object, Shape, Variant, Viewpoint};
 pub(crate) use lights::{AreaLights, LightMotion, area_lights};
+pub(crate) use mirrors::{Mirror, Mirrors};
 
 use crate::animated::AnimatedInstances;
 use crate::bvh::{Bounds, Bvh};
@@ -69,6 +71,7 @@ struct Built {
     /// Of each object whether it is a clear body that bends light.
     is_clear_body: Vec<bool>,
     has_clear_bodies: bool,
+    mirrors: Mirrors,
     /// Whether media of bodies do no more than absorb.
     media_only_absorb: bool,
     /// Whether a body may bend wavelengths differently.
@@ -288,6 +291,12 @@ impl Scene {
     #[inline]
     pub(crate) fn has_clear_bodies(&self) -> bool {
         self.built.has_clear_bodies && self.posed.animated.is_empty()
+    }
+
+    /// Its flat mirrors; `None` where there are none, or something moves.
+    #[inline]
+    pub(crate) fn mirrors(&self) -> Option<&Mirrors> {
+        Some(&self.built.mirrors).filter(|mirrors| !mirrors.is_empty() && self.posed.animated.is_empty())
     }
 
     /// Whether an object is a clear body that bends light.

@@ -1,13 +1,13 @@
 //! `expose`: a scene onto the focal plane.
 
 use super::print_json;
-use crate::UsageError;
 use crate::args::Expose;
 use crate::checkpoint;
 use crate::commands::exposure_summary::{display, say_ambient};
 use crate::memory::{self, Room};
 use crate::output;
 use crate::watch::{self, say, warn, watched};
+use crate::{Stopped, UsageError};
 use anyhow::anyhow;
 use diopter::shot::{FireflyChoice, Sequence, Shot};
 use std::time::Instant;
@@ -66,5 +66,5 @@ pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
             "files": [path], "facts": facts, "size": size, "bands": bands, "expose_s": seconds, "stopped": stopped.is_some(),
         }))?;
     }
-    stopped.map_or(Ok(()), |how| Err(anyhow!(how)))
+    stopped.map_or(Ok(()), |how| Err(Stopped(how).into()))
 }

@@ -40,7 +40,12 @@ pub fn run(args: &RigArgs, json: bool) -> anyhow::Result<()> {
         let _ = std::fs::remove_dir(folder);
     }
     let made = made.map_err(|e| match e {
-        ShotError::Expose(ExposeError::Cancelled) => anyhow!("stopped: the frames that were done lie in {}", folder.display()),
+        ShotError::Expose(ExposeError::Cancelled) => {
+            anyhow!(
+                "stopped: frames that were done lie in {}; a rig does not go on from there: expected a new folder for it",
+                folder.display()
+            )
+        }
         other => other.into(),
     })?;
     for (camera, rms) in rig.cameras.iter().zip(&made.fit_rms_px) {

@@ -2,7 +2,6 @@
 
 use super::exposure_summary::{display, say_ambient, setting};
 use super::{print_json, stack};
-use crate::UsageError;
 use crate::args::Shoot;
 use crate::checkpoint;
 use crate::effect;
@@ -10,6 +9,7 @@ use crate::memory;
 use crate::output::{self, Format, Kind, Output};
 use crate::paint;
 use crate::watch::{self, say, warn, watched};
+use crate::{Stopped, UsageError};
 use anyhow::anyhow;
 use diopter::calibration::{Calibration, Format as CalibrationFormat};
 use diopter::focus::Report;
@@ -283,7 +283,7 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         }
         print_json(&result)?;
     }
-    stopped.map_or(Ok(()), |how| Err(anyhow!(how)))
+    stopped.map_or(Ok(()), |how| Err(Stopped(how).into()))
 }
 
 /// Whether fireflies are re-weighted: as asked; else in pictures, but not where the same light is also written as an exposure (DNG, EXR, focal plane,

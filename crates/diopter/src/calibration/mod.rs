@@ -121,6 +121,17 @@ impl Format {
         Self::NAMES.iter().find(|n| n.0 == name).map(|n| n.1).ok_or_else(|| wrong("format", format!("\"{name}\""), all))
     }
 
+    /// How names of its files end.
+    pub fn ending(self) -> &'static str {
+        match self {
+            Format::Json | Format::Nerfstudio => "json",
+            Format::OpenCv | Format::Kalibr => "yaml",
+            Format::ColmapCameras | Format::ColmapImages => "txt",
+            Format::Lensfun => "xml",
+            Format::StDistort | Format::StUndistort | Format::RayTable => "exr",
+        }
+    }
+
     /// The format that the name of a file says. `None` where it does not say one.
     pub fn of(path: &Path) -> Option<Format> {
         let name = path.file_stem()?.to_string_lossy().to_lowercase();

@@ -120,6 +120,10 @@ impl ShotFile {
     pub fn read(path: &Path) -> Result<ShotFile, ShotError> {
         let place = path.display().to_string();
         let text = files::read_text(path).map_err(|e| ShotError::Read { path: place.clone(), reason: e.to_string() })?;
+        if text.trim().is_empty() {
+            // What was cut short, or never arrived: not a shot with all its defaults.
+            return Err(ShotError::Read { path: place, reason: "the file is empty".into() });
+        }
         let mut shot: ShotFile = toml::from_str(&text)
             .map_err(|e| ShotError::Syntax { reason: wrong_kind(&text, &place, &in_words(&e.to_string())), path: place })?;
         shot.place_paths(path.parent().unwrap_or(Path::new("")));

@@ -8,7 +8,7 @@ use crate::quantity::Moment;
 use diopter_scene::bvh::Bounds;
 use diopter_scene::daylight::{Daylight, overcast, sun};
 use diopter_scene::light::Environment;
-use diopter_scene::material::{Emission, EmissionColor};
+use diopter_scene::material::{Emission, EmissionColor, Material};
 use diopter_scene::medium::{Air, Medium};
 use diopter_scene::studio::{self, Studio};
 use diopter_scene::{Description, Scene};
@@ -218,7 +218,8 @@ pub(super) fn add(
 
 /// Whether anything in a scene shines, beside its environment.
 fn has_lamps(scene: &Description) -> bool {
-    !scene.punctual.is_empty() || scene.materials.iter().filter_map(|m| m.emission.as_ref()).any(lights_scene)
+    let shines = |material: &Material| material.emission.as_ref().is_some_and(lights_scene) || material.holds_light();
+    !scene.punctual.is_empty() || scene.materials.iter().any(shines)
 }
 
 /// Places along each side of a picture at which it is looked at, and the part of its brightest that it has on average where it lights a scene.
@@ -347,7 +348,7 @@ pub(super) fn add_fog(scene: &mut Scene, section: &FogSection, camera: Vec3) -> 
 mod tests {
     use super::*;
     use diopter_scene::light::modulation::Modulation;
-    use diopter_scene::material::{Material, Scattering};
+    use diopter_scene::material::Scattering;
     use diopter_scene::texture::{Image, Texture};
     use std::sync::Arc;
 

@@ -81,8 +81,12 @@ fn write_to(
     if width * height > (u32::MAX as usize / 20) * 9 {
         return Err(ImageError::Size { format: "DNG", width, height, limit: 43_000 });
     }
-    // Tiles are whole pixels of a mosaic.
-    let storage = if storage == Storage::Lossless && header.cfa.has_all_channels() { Storage::Packed } else { storage };
+    // Tiles are whole pixels of a mosaic. A single one that is wider than the picture is read wrong by LibRaw and dcraw, which break its rows at the width of the picture.
+    let has_padded_tile = width < BAND && !width.is_multiple_of(16);
+    let storage = match storage {
+        Storage::Lossless if header.cfa.has_all_channels() || has_padded_tile => Storage::Packed,
+        storage => storage,
+    };
     let mut tiff = TiffEncoder::new(to).map_err(written)?;
 
     // The mosaic.

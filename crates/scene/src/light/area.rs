@@ -118,13 +118,13 @@ impl AreaLight {
     fn covered(&self, place: Vec2, material: &Material) -> ([Vec2; 2], f32) {
         let first = 1.0 - place.x - place.y;
         let uv = self.uv.map(|[a, b, c]| a * first + b * place.x + c * place.y);
-        // Where a triangle has holes it does not shine either; spheres and quads have none.
+        // Where a surface has holes it does not shine either.
         let fraction = match self.shape {
             AreaShape::Triangle(_) => {
                 let [a, b, c] = self.alpha;
                 material.coverage.fraction(&uv, a * first + b * place.x + c * place.y)
             }
-            _ => 1.0,
+            _ => material.coverage.fraction(&uv, 1.0),
         };
         (uv, fraction)
     }
@@ -247,7 +247,13 @@ impl AreaLight {
                 Some(rectangle) => 1.0 / rectangle.solid_angle,
                 None => by_area(),
             },
-            AreaShape::Sphere(s) => cone_of_sphere(s, p).map_or(0.0, |(_, one_minus_cos)| 1.0 / (TAU * one_minus_cos)),
+            // The far side, of a sphere that lets rays in, is not sampled: it lies beyond where rays touch the sphere.
+            AreaShape::Sphere(s) => match cone_of_sphere(s, p) {
+                Some((sin2, one_minus_cos)) if distance * distance * sin2 <= s.radius * s.radius * (1.0 - sin2) * 1.0001 => {
+                    1.0 / (TAU * one_minus_cos)
+                }
+                _ => 0.0,
+            },
         }
     }
 }
@@ -455,6 +461,25 @@ mod tests {
                 assert!((part - whole * met).abs().max_element() < 2e-3 * whole.max_element(), "{part} {whole} {met}");
             }
         }
+    }
+
+    #[test]
+    fn balls_and_quads_with_holes_shine_less() {
+        let q = Quad { corner: Vec3::new(-1.0, -1.0, 1.0), edges: [Vec3::X * 2.0, Vec3::Y * 2.0] };
+        let wavelengths = SampledWavelengths::fixed([450.0, 520.0, 590.0, 660.0]);
+        let full = Material::lamp("lamp", Spectrum::Constant(1.0));
+        let half = Material { coverage: Coverage::Blend(Scalar::Constant(0.5)), ..full.clone() };
+        let sphere = Sphere { center: Vec3::new(0.0, 0.0, 5.0), radius: 3.0 };
+        for shape in [AreaShape::Parallelogram(q), AreaShape::Sphere(sphere)] {
+            let lamp = light(shape);
+            let [whole, part] = [&full, &half].map(|m| lamp.radiance(Vec2::splat(0.5), std::slice::from_ref(m), &wavelengths));
+            assert_eq!(part, whole * 0.5);
+        }
+        // Rays that come in through a hole meet the far side, at which no light sample aims.
+        let ball = light(AreaShape::Sphere(sphere));
+        assert!(ball.pdf(Vec3::ZERO, Vec3::Z, 2.0) > 0.0 && ball.pdf(Vec3::ZERO, Vec3::Z, 8.0) == 0.0);
+        let edge = ball.sample_li(Vec3::ZERO, [0.999_999, 0.3], 0).unwrap();
+        assert_eq!(ball.pdf(Vec3::ZERO, edge.wi, edge.distance), edge.pdf);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use super::energy::{mirror_albedo_at, prepare_mirrors};
 use super::inputs::inputs_struct;
 use super::local_scatter::LocalScatter;
-use super::microfacet::{Ggx, fresnel_conductor, reflect};
+use super::microfacet::{Ggx, SMOOTH, fresnel_conductor, reflect};
 use super::polarization::{Event, InPlane, conductor, s_axis};
 use crate::shape::Surface;
 use crate::texture::Scalar;
@@ -43,6 +43,11 @@ pub enum FacetBounces {
 const METALS_CSV: &str = include_str!("metals.csv");
 
 impl Conductor {
+    /// Whether it is smooth everywhere.
+    pub(super) fn is_smooth(&self) -> bool {
+        self.across.is_none() && matches!(self.alpha, Scalar::Constant(alpha) if alpha < SMOOTH)
+    }
+
     /// Computes every table that rays will ask for.
     pub(super) fn prepare(&self) {
         prepare_mirrors(self.across.is_some());

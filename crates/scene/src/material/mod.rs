@@ -493,6 +493,11 @@ impl Material {
         of(&self.scattering)
     }
 
+    /// Whether a medium behind it sends out light by itself.
+    pub fn holds_light(&self) -> bool {
+        self.interior.media().any(Medium::shines)
+    }
+
     /// Whether parts of it may be mirrors or clear, beside what else it does.
     pub(crate) fn may_be_specular(&self) -> bool {
         match &self.scattering {
@@ -505,6 +510,20 @@ impl Material {
     /// Whether it is the surface of a body of clear glass: smooth everywhere, and light is bent on its way through.
     pub(crate) fn is_clear_body(&self) -> bool {
         matches!(&self.scattering, Scattering::Principled(p) if p.is_clear_body())
+            && matches!(self.coverage, Coverage::Full)
+            && self.emission.is_none()
+    }
+
+    /// Whether it is a metal that is smooth everywhere: a mirror and nothing else.
+    pub(crate) fn is_mirror(&self) -> bool {
+        let is_smooth = match &self.scattering {
+            Scattering::Conductor(conductor) => conductor.is_smooth(),
+            Scattering::Principled(p) => p.is_smooth_metal(),
+            _ => false,
+        };
+        is_smooth
+            && self.normal_map.is_none()
+            && self.bump.is_none()
             && matches!(self.coverage, Coverage::Full)
             && self.emission.is_none()
     }

@@ -201,6 +201,17 @@ impl Principled {
         !matches!(self.kind, Transmission::Thin) && smooth && self.may_transmit()
     }
 
+    /// Whether it is a metal that is smooth everywhere, and bare.
+    pub(super) fn is_smooth_metal(&self) -> bool {
+        let is = |scalar: &Scalar, holds: fn(f32) -> bool| matches!(scalar, Scalar::Constant(x) if holds(*x));
+        is(&self.metallic, |m| m >= 1.0)
+            && is(&self.roughness, |r| r * r < SMOOTH)
+            && is(&self.clearcoat, |c| c <= 0.0)
+            && !self.may_transmit()
+            && self.anisotropy.is_none()
+            && self.sheen.is_none()
+    }
+
     /// Whether light may go through somewhere.
     fn may_transmit(&self) -> bool {
         !matches!(self.transmission, Scalar::Constant(t) if t <= 0.0)

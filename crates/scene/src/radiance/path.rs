@@ -12,6 +12,7 @@ use super::media::{MediumScatter, SegmentOutcome};
 use super::medium_segment::MediumSegment;
 use super::prev_scatter::PrevScatter;
 use super::tally::Tally;
+use super::through_glass::LineToLight;
 use super::to_light::{MAX_INTERFACES, origin_behind};
 use super::weights::{mis, squared_ratio};
 use super::{CameraPath, PathSettings};
@@ -73,8 +74,8 @@ pub(super) struct Path<'a, T: Tally> {
     pub leaves_out_emission: bool,
     /// Fraction of what shines behind specular surfaces that it brings itself: the rest was looked at where it could have gone another way ([`super::splitting`]).
     pub emission_fraction: f32,
-    /// The last place from which lights were sampled through clear bodies, and the ray from there to the first of these, after which it is bent ([`super::through_glass`]).
-    pub bent_after: Option<(PrevScatter, Ray)>,
+    /// The line along which lights were sampled through clear bodies or over a mirror, where its ray met the first of these.
+    pub bent_after: Option<LineToLight>,
     /// Whether it ends at the first surface that is not specular.
     pub only_emission: bool,
     /// Light that other ways brought and that is not among the path's yet, where it is kept apart.
@@ -294,6 +295,10 @@ impl<'a> Transport<'a> {
         let entering = surface.ng.dot(path.ray.direction) < 0.0;
         let hidden = path.medium_stack.hides(self.scene, surface.object, entering);
         if hidden || matches!(material.scattering, Scattering::Interface) {
+            // Nothing that light would meet may shine all the same.
+            if !hidden && !path.leaves_out_emission {
+                self.see_emission(path, material, surface);
+            }
             return self.cross_interface(path, surface, entering, hidden);
         }
         if !path.leaves_out_emission {
@@ -483,6 +488,7 @@ impl<'a> Transport<'a> {
         let [light_numbers, scatter_numbers] =
             path.camera.sampler.get_two([Dimensions::Light(path.vertex), Dimensions::Scatter(path.vertex)]);
         self.choose_light(path, here, light_numbers, camera_vertex.as_ref(), true);
+        self.add_mirrored_light(path, here, true);
         let joint = match path.medium_stack.span(self.scene, &path.ray, here.surface.t) {
             None => None,
             Some((medium, span)) => {
@@ -599,7 +605,11 @@ impl<'a> Transport<'a> {
             true if passes_straight => path.last.map(|l| PrevScatter { traveled: l.traveled + surface.t, ..l }),
             true => {
                 if let Some(last) = path.last {
-                    path.bent_after = self.light_was_sampled_through(path, surface).then_some((last, path.ray));
+                    let through_glass = LineToLight { from: last, ray: path.ray, over_mirror: false };
+                    path.bent_after = match self.light_was_sampled_through(path, surface) {
+                        true => Some(through_glass),
+                        false => self.line_over_mirror(path, surface),
+                    };
                 }
                 path.cone.forget();
                 None

@@ -54,8 +54,8 @@ struct Donor<'a> {
     hero_only: bool,
     /// Its scattering function, which is turned to each receiver, where that takes more than a diffuse albedo.
     bsdf: Option<Box<(Bsdf<'a>, Orientation)>>,
-    /// Light that was found there: of a lamp, and where the path went on.
-    found: [Found; 2],
+    /// Light that was found there: of a lamp, where the path went on, and of a lamp in a mirror.
+    found: [Found; 3],
     /// What of it goes to its own receiver, and to the others, too: radiance.
     radiance: SampledSpectrum,
     /// Whether that is the same to all sides.
@@ -287,8 +287,10 @@ impl<'a> Transport<'a> {
             while next == Next::GoesOn && before_surface.is_none() {
                 let mut hit = self.find_hit(&path);
                 next = self.arrive(&mut path, hit.as_mut(), |path, here| {
-                    // Light through glass was found in two ways, of which narrow lobes decide how much each counts.
-                    if !here.bsdf.is_specular() || !self.scene.may_pass(here.surface.object) {
+                    // Light through glass and over mirrors was found in two ways, of which narrow lobes decide how much each counts.
+                    let in_two_ways =
+                        self.scene.may_pass(here.surface.object) || self.mirror_of_light_samples(path, here.surface).is_some();
+                    if !here.bsdf.is_specular() || !in_two_ways {
                         before_surface = Some(std::mem::take(&mut path.tally));
                     }
                     self.scatter_light(path, &here.vertex())
@@ -337,9 +339,16 @@ impl<'a> Transport<'a> {
         self.connect_to_light(path);
         let light = std::mem::take(&mut path.tally).all();
         let by_light = chosen.map_or(Found::default(), |c| Found { wi: c.wi, light, through_narrow: !c.has_extent });
-        let broad = by_light.response(bsdf);
-        if by_light.light != SampledSpectrum::ZERO && !by_light.through_narrow {
-            tally_before.add(throughput * (bsdf.eval(by_light.wi).0 - broad) * by_light.light, depth + 1);
+        let wi = self.add_mirrored_light(path, &vertex, false);
+        let light = std::mem::take(&mut path.tally).all();
+        let mirrored = wi.map_or(Found::default(), |wi| Found { wi, light, through_narrow: false });
+        let mut radiance = SampledSpectrum::ZERO;
+        for (found, events) in [(&by_light, 1), (&mirrored, 2)] {
+            let broad = found.response(bsdf);
+            radiance += broad * found.light;
+            if found.light != SampledSpectrum::ZERO && !found.through_narrow {
+                tally_before.add(throughput * (bsdf.eval(found.wi).0 - broad) * found.light, depth + events);
+            }
         }
         let donor = donor.insert(Donor {
             path: number,
@@ -352,8 +361,8 @@ impl<'a> Transport<'a> {
             hero_only: path.hero_only,
             bsdf: None,
             is_diffuse: bsdf.diffuse_albedo().is_some() && bsdf.shading_normal().dot(vertex.wo) >= UNTILTED,
-            found: [by_light, Found::default()],
-            radiance: broad * by_light.light,
+            found: [by_light, Found::default(), mirrored],
+            radiance,
             further: None,
         });
         let Some(scatter) = bsdf.sample(scatter_numbers) else {
@@ -450,7 +459,7 @@ impl<'a> Transport<'a> {
 
 /// What a scattering function sends on of the light that was found there, by the density of the donor, and by the joint density; the density of the further direction.
 fn lent_by(
-    found: &[Found; 2],
+    found: &[Found; 3],
     further: Option<(Vec3, SampledSpectrum)>,
     bsdf: &Bsdf,
 ) -> (SampledSpectrum, (SampledSpectrum, f32)) {

@@ -74,7 +74,7 @@ impl<'a> Transport<'a> {
         let material = scene.material(surface.object);
         let emission = material.emission.as_ref()?;
         let last = path.last?;
-        if !is_certain(material) || matches!(material.scattering, Scattering::Interface) {
+        if !is_certain(material) {
             return None;
         }
         let cos = surface.ng.dot(direction);
@@ -141,5 +141,5 @@ impl<'a> Transport<'a> {
 
 /// Whether rays meet a lamp of a material wherever they come to it.
 fn is_certain(material: &Material) -> bool {
-    matches!(material.coverage, Coverage::Full) && !material.is_mixed()
+    matches!(material.coverage, Coverage::Full) && !material.is_mixed() && !matches!(material.scattering, Scattering::Interface)
 }

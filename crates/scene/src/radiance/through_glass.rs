@@ -14,9 +14,10 @@ use super::to_light::{MAX_INTERFACES, origin_behind, shadow_segment};
 use super::weights::squared_ratio;
 use crate::light::{LightPoint, LightSample};
 use crate::material::{Coverage, Material};
+use crate::medium_stack::MediumStack;
 use crate::scene::Visibility;
 use crate::shape::Surface;
-use diopter_light::random::Dimensions;
+use diopter_light::random::{Dimensions, Stream};
 use diopter_light::{Ray, SampledSpectrum};
 use glam::Vec3;
 
@@ -28,6 +29,27 @@ const ROULETTE_AFTER: u32 = 5;
 pub(super) struct Densities {
     pub by_light: f32,
     pub by_scattering: f32,
+}
+
+/// A straight line along which lights were sampled that a path comes to by a bent one.
+#[derive(Clone, Copy)]
+pub(super) struct LineToLight {
+    /// The last place from which lights were sampled, or its image in a mirror.
+    pub from: PrevScatter,
+    /// From there, or from behind the mirror.
+    pub ray: Ray,
+    /// Whether it is behind a mirror, over which lamps of a finite size alone are sampled ([`super::mirrored`]).
+    pub over_mirror: bool,
+}
+
+/// The way along which light is looked for from a vertex.
+pub(super) struct LightWay {
+    /// From the vertex.
+    pub ray: Ray,
+    /// What light along it is multiplied by.
+    pub throughput: SampledSpectrum,
+    /// The bodies that it starts in.
+    pub medium_stack: MediumStack,
 }
 
 impl<'a> Transport<'a> {
@@ -82,32 +104,50 @@ impl<'a> Transport<'a> {
             // Of all that shines from infinity in the direction; rounding may have moved that out of the disc or the cell that it was drawn in.
             false => by_others + self.infinite_light_ratio(path, (point, here.bsdf.light_normal()), wi, by_light).max(1.0),
         };
-        let throughput = path.throughput * f / (by_light * ratios);
+        let way = LightWay { ray, throughput: path.throughput * f / (by_light * ratios), medium_stack };
+        self.add_light_along(path, here, way, &mut hit, path.camera.sampler.stream(Dimensions::Refracted(path.vertex)));
+        Some(visibility)
+    }
+
+    /// Adds what shines at the end of a way that a light sample gave, over specular surfaces alone, of which `hit` is the first.
+    pub(super) fn add_light_along<T: Tally>(
+        &self,
+        path: &mut Path<'a, T>,
+        here: &SurfaceVertex<'_, 'a>,
+        LightWay { ray, throughput, medium_stack }: LightWay,
+        hit: &mut Surface,
+        mut stream: Stream,
+    ) {
         let mut way = path.fork().scattered_along(ray, throughput, medium_stack);
-        // `f` is that of the hero already.
-        way.hero_only |= here.bsdf.disperses() && wi.dot(here.ng) < 0.0;
-        way.tally.scatter(here.bsdf, here.wo, wi, false);
+        // The scattering function is that of the hero already.
+        way.hero_only |= here.bsdf.disperses() && ray.direction.dot(here.ng) < 0.0;
+        way.tally.scatter(here.bsdf, here.wo, ray.direction, false);
         way.restart_roulette(ROULETTE_AFTER);
-        let mut stream = path.camera.sampler.stream(Dimensions::Refracted(path.vertex));
-        let next = self.pass_specular(&mut way, Some(&mut hit), &mut stream);
+        let next = self.pass_specular(&mut way, Some(hit), &mut stream);
         self.follow_specular(&mut way, next, &mut stream);
         path.join(way);
-        Some(visibility)
     }
 
     /// Weight of what a path meets that shines, where its last vertex is no place from which lights were sampled straight: below 1 where they were sampled through glass.
     #[inline]
     pub fn weight_beside_light_samples<T: Tally>(&self, path: &Path<'a, T>) -> f32 {
-        path.bent_after.map_or(1.0, |(last, ray)| 1.0 / (1.0 + self.straight_light_ratio(path, &last, ray)))
+        path.bent_after.map_or(1.0, |line| 1.0 / (1.0 + self.straight_light_ratio(path, &line)))
     }
 
-    /// Squared density of light samples along a ray over that of the scattered ray, where only glass stands before the light; else 0.
+    /// Squared density of light samples along a line over that of the scattered ray, where only glass stands before the light; else 0.
     #[inline(never)]
-    fn straight_light_ratio<T: Tally>(&self, path: &Path<'a, T>, last: &PrevScatter, mut ray: Ray) -> f32 {
-        let (scene, &PrevScatter { point, normal, density, .. }) = (self.scene, last);
+    fn straight_light_ratio<T: Tally>(
+        &self,
+        path: &Path<'a, T>,
+        &LineToLight { from, mut ray, over_mirror }: &LineToLight,
+    ) -> f32 {
+        let (scene, PrevScatter { point, normal, density, .. }) = (self.scene, from);
         let direction = ray.direction;
         for _ in 0..MAX_INTERFACES {
             let Some(hit) = scene.intersect(&ray, f32::INFINITY) else {
+                if over_mirror {
+                    return 0.0;
+                }
                 return self.infinite_light_ratio(path, (point, normal), direction, density);
             };
             if scene.may_pass(hit.object) {
@@ -137,6 +177,6 @@ impl<'a> Transport<'a> {
 }
 
 /// Whether rays end at a lamp of a material wherever they meet it: others are left to scattered rays.
-fn stops_rays(lamp: &Material) -> bool {
+pub(super) fn stops_rays(lamp: &Material) -> bool {
     matches!(lamp.coverage, Coverage::Full) && !lamp.may_transmit_straight()
 }

@@ -4,6 +4,7 @@ use super::check::{check, clean, freeze_unanimated};
 use super::description::{Description, Shape};
 use super::hits::Placement;
 use super::lights::{AreaLights, LightMotion, area_lights};
+use super::mirrors::Mirrors;
 use super::strands::StrandTree;
 use super::{Built, Object, Posed, Scene};
 use crate::SceneError;
@@ -146,6 +147,7 @@ impl Scene {
             may_pass,
             is_clear_body,
             has_clear_bodies,
+            mirrors: Mirrors::of(d),
             has_straight_transmission,
             has_blends,
             media_only_absorb,

@@ -12,6 +12,7 @@ mod gltf_extensions;
 mod gltf_splats;
 mod measured;
 mod media;
+mod mirrors;
 mod pbrt;
 mod polarized_transport;
 mod reuse;

@@ -49,14 +49,19 @@ fn sky() -> Environment {
     Environment::new(map, Mat3::from_rotation_y(0.7), 1.0)
 }
 
-/// A room of everything that can lend or receive: diffuse, glossy, lacquered, broad and narrow metal, a mirror, glass that bends and disperses, a pane, cloth that shines through, fog in a ball, a faceted
-/// ball with smooth normals, a curtain that lets rays through by chance; a lamp, one above a shade that few places see, a bulb without extent, a narrow sun and a sky.
+/// A room of everything that can lend or receive: diffuse, glossy, lacquered, broad and narrow metal, a mirror, glass that bends and disperses, frosted glass, a pane, cloth that shines through, fog in a
+/// ball, a faceted ball with smooth normals, a curtain that lets rays through by chance; a lamp, one above a shade that few places see, one that light does not meet, a bulb without extent, a narrow sun and
+/// a sky.
 fn description() -> Description {
     let interior = Interior::Body { medium: Some(Arc::new(Medium::fog(1.5, 0.8, 0.2))), priority: None };
     let cloth = Scattering::DiffuseTransmission(Box::new([Color::rgb(0.4, 0.4, 0.5), Color::rgb(0.3, 0.3, 0.2)]));
     let glass = principled(|p| {
         (p.base_color, p.roughness, p.transmission) = (Color::rgb(1.0, 1.0, 1.0), Scalar::Constant(0.0), Scalar::Constant(1.0));
         (p.kind, p.dispersion) = (Transmission::Solid, Some(Spectrum::Constant(1.5)));
+    });
+    let frosted = principled(|p| {
+        (p.base_color, p.roughness, p.transmission) = (Color::rgb(1.0, 1.0, 1.0), Scalar::Constant(0.5), Scalar::Constant(1.0));
+        p.kind = Transmission::Solid;
     });
     let pane = principled(|p| {
         (p.roughness, p.transmission, p.kind) = (Scalar::Constant(0.0), Scalar::Constant(1.0), Transmission::Thin);
@@ -78,6 +83,8 @@ fn description() -> Description {
             coverage: Coverage::Blend(Scalar::Constant(0.4)),
             ..Material::new("curtain", Scattering::Diffuse(Color::rgb(0.7, 0.4, 0.6)))
         },
+        Material { interior: Interior::Body { medium: None, priority: None }, ..Material::new("frosted", frosted) },
+        Material { scattering: Scattering::Interface, ..Material::lamp("glow", Spectrum::Constant(6.0)) },
     ];
     let mut faceted = Mesh::default();
     for k in 0..8u32 {
@@ -110,6 +117,8 @@ fn description() -> Description {
         Object::new("curtain", Shape::Mesh { mesh: 1, world_from_mesh: Affine3A::IDENTITY }, 12),
         ball("shaded lamp", [-0.9, 1.4, -1.2], 0.15, 1),
         quad("shade", [-1.2, 1.2, -1.5], [[0.6, 0.0, 0.0], [0.0, 0.0, 0.6]], 0),
+        ball("frosted", [-0.6, -0.7, 0.4], 0.3, 13),
+        ball("glow", [1.3, 0.9, -0.6], 0.12, 14),
     ];
     let curtain = Mesh {
         positions: [[-0.9, -0.9, 0.3], [0.9, -0.9, -0.6], [0.9, 0.3, -0.6], [-0.9, 0.3, 0.3]].map(Vec3::from).to_vec(),
@@ -140,13 +149,20 @@ fn group(cell: u32, sample: u32, rgb: bool) -> Vec<CameraPath<'static>> {
 
 #[test]
 fn lent_light_has_the_mean_of_paths_alone() {
-    let scene = Scene::build(description()).unwrap();
-    assert!(scene.lets_paths_be_reused());
+    let with_fog = Scene::build(description()).unwrap();
+    // Without media that scatter lights are sampled through glass and over mirrors, too.
+    let mut clear = description();
+    clear.objects.retain(|object| object.name != "fog");
+    clear.materials[10] = Material::new("no fog", Scattering::Black);
+    let clear = Scene::build(clear).unwrap();
+    assert!(with_fog.lets_paths_be_reused() && clear.lets_paths_be_reused());
     // Long paths, and short ones, in which each event that is counted wrongly shows.
-    for (rgb, settings, samples) in [
-        (false, PathSettings::default(), 800),
-        (true, PathSettings { max_depth: 2, roulette_depth: 5 }, 800),
-        (true, PathSettings { max_depth: 6, roulette_depth: 2 }, 400),
+    for (scene, rgb, settings, samples) in [
+        (&with_fog, false, PathSettings::default(), 800),
+        (&with_fog, true, PathSettings { max_depth: 2, roulette_depth: 5 }, 800),
+        (&with_fog, true, PathSettings { max_depth: 6, roulette_depth: 2 }, 400),
+        (&clear, true, PathSettings { max_depth: 3, roulette_depth: 5 }, 800),
+        (&clear, false, PathSettings::default(), 400),
     ] {
         let (mut all, mut differs) = ([0.0f64; 3], 0);
         let mut z2 = 0.0;

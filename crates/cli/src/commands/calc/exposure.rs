@@ -83,6 +83,10 @@ pub fn equivalent(args: &Equivalent, json: bool) -> anyhow::Result<()> {
     let t0 = stops::true_time(positive("time", args.time.0)?, None);
     let focal = positive("focal length", args.focal_length.0)?;
     let distance = positive("focus", args.focus.0.min(1e9))?;
+    if 1000.0 * distance <= focal {
+        let what = format!("expected more than the focal length, {focal:.1} mm: nearer planes have no image");
+        return Err(UsageError(anyhow!("focus {}: {what}", args.focus)).into());
+    }
     if !(args.speed >= 0.0 && args.speed.is_finite()) {
         return Err(UsageError(anyhow!("speed {}: expected m/s, 0 or more", args.speed)).into());
     }

@@ -68,7 +68,10 @@ pub fn run(args: &ShutterArgs, json: bool) -> anyhow::Result<()> {
     if json {
         let rows: Vec<_> = rows
             .iter()
-            .map(|(at, (open, close))| serde_json::json!({ "at": at, "open_s": open, "close_s": close, "s": (close - open).max(0.0) }))
+            .map(|(at, (open, close))| match close > open {
+                true => serde_json::json!({ "at": at, "open_s": open, "close_s": close, "s": close - open }),
+                false => serde_json::json!({ "at": at, "open_s": null, "close_s": null, "s": 0.0 }),
+            })
             .collect();
         return print_json(&serde_json::json!({
             "kind": kind, "exposure_s": exposure_s, "total_s": shutter.total_s(), "fully_open_s": shutter.fully_open().map(|(a, b)| [a, b]),
@@ -89,7 +92,12 @@ pub fn run(args: &ShutterArgs, json: bool) -> anyhow::Result<()> {
     let what = if matches!(mechanism, Mechanism::Leaf { .. }) { "pupil" } else { "way" };
     writeln!(text, "{what:>8} {:>12} {:>12} {:>12}", "opens", "closes", "open for")?;
     for (at, (open, close)) in rows {
-        writeln!(text, "{:>6.0} % {:>12} {:>12} {:>12}", 100.0 * at, time(open), time(close), time((close - open).max(0.0)))?;
+        // A leaf that turns back before it is there.
+        let [opens, closes, long] = match close > open {
+            true => [time(open), time(close), time(close - open)],
+            false => ["never".into(), "-".into(), time(0.0)],
+        };
+        writeln!(text, "{:>6.0} % {opens:>12} {closes:>12} {long:>12}", 100.0 * at)?;
     }
     write!(std::io::stdout(), "{text}")?;
     Ok(())

@@ -32,12 +32,14 @@ impl Convert {
         for note in &prescription.notes {
             say(&format!("note: {note}"));
         }
+        let mut notes = prescription.notes.clone();
         let format = output.and_then(|path| ExportFormat::of(&path.to_string_lossy()));
         let text = match format {
             None => prescription.to_toml(),
             Some(format) => {
                 let exported = export::write(&prescription, State::default(), format)?;
                 exported.notes.iter().for_each(|note| say(&format!("note: {note}")));
+                notes.extend(exported.notes);
                 exported.text
             }
         };
@@ -53,6 +55,9 @@ impl Convert {
                 }
                 Output::prepare(path)?.commit(|w| Ok(w.write_all(text.as_bytes())?))?;
                 say(&format!("wrote {}", path.display()));
+                if global.json {
+                    return print_json(&json!({ "name": prescription.name, "notes": notes, "files": [path] }));
+                }
             }
         }
         Ok(())

@@ -16,6 +16,16 @@ const AROUND: usize = 256;
 /// Most bytes that a packed mesh may become for each of its file (RFC 1951).
 const MOST_EXPANDED: u64 = 1032;
 
+/// Faces of a cube, each from where its texture coordinates are (0, 1), counterclockwise from outside. Source: what Mitsuba 3.9.1 gives as vertex_positions and vertex_texcoords of its cube.
+const CUBE: [[[i8; 3]; 4]; 6] = [
+    [[1, -1, -1], [1, -1, 1], [-1, -1, 1], [-1, -1, -1]],
+    [[1, 1, -1], [-1, 1, -1], [-1, 1, 1], [1, 1, 1]],
+    [[1, -1, -1], [1, 1, -1], [1, 1, 1], [1, -1, 1]],
+    [[1, -1, 1], [1, 1, 1], [-1, 1, 1], [-1, -1, 1]],
+    [[-1, -1, 1], [-1, 1, 1], [-1, 1, -1], [-1, -1, -1]],
+    [[1, 1, -1], [1, -1, -1], [-1, -1, -1], [-1, 1, -1]],
+];
+
 /// A shape without a file, and its place in the shape's space. Fails where it is of another kind, and for a cylinder without length or radius.
 pub fn make(node: &Node, kind: &str) -> Result<(Mesh, DMat4), SceneError> {
     let flat = |points: [Vec3; 4], normal: Vec3| Mesh {
@@ -31,17 +41,14 @@ pub fn make(node: &Node, kind: &str) -> Result<(Mesh, DMat4), SceneError> {
         "rectangle" => (flat(square.map(|[x, y]| Vec3::new(x, y, 0.0)), Vec3::Z), DMat4::IDENTITY),
         "cube" => {
             let mut mesh = Mesh::default();
-            for (n, u) in [(Vec3::X, Vec3::Y), (Vec3::Y, Vec3::Z), (Vec3::Z, Vec3::X)] {
-                for side in [1.0, -1.0] {
-                    let (n, u) = (n * side, u * side);
-                    let v = n.cross(u);
-                    let face = flat(square.map(|[x, y]| n + u * x + v * y), n);
-                    let first = mesh.positions.len() as u32;
-                    mesh.positions.extend(face.positions);
-                    mesh.normals.extend(face.normals);
-                    mesh.uvs[0].extend(&face.uvs[0]);
-                    mesh.triangles.extend(face.triangles.iter().map(|t| t.map(|i| i + first)));
-                }
+            for corners in CUBE {
+                let corners = corners.map(|[x, y, z]| Vec3::new(f32::from(x), f32::from(y), f32::from(z)));
+                let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize();
+                let first = mesh.positions.len() as u32;
+                mesh.positions.extend(corners);
+                mesh.normals.extend([normal; 4]);
+                mesh.uvs[0].extend([Vec2::Y, Vec2::ONE, Vec2::X, Vec2::ZERO]);
+                mesh.triangles.extend([[0, 1, 2], [3, 0, 2]].map(|t: [u32; 3]| t.map(|i| i + first)));
             }
             (mesh, DMat4::IDENTITY)
         }

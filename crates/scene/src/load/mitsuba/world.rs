@@ -138,7 +138,12 @@ impl<'a> World<'a> {
                 let plain = alone && !flip && !self.context.description.materials[material as usize].has_pictures();
                 match round::sphere_in_world(radius as f32, place) {
                     Some(sphere) if plain && place.determinant() > 0.0 => Shape::Sphere(sphere),
-                    _ => self.mesh(round::ball(radius as f32), flip, place),
+                    _ => {
+                        // Here v runs from the pole at +z down, in pbrt up.
+                        let mut ball = round::ball(radius as f32);
+                        ball.uvs[0].iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
+                        self.mesh(ball, flip, place)
+                    }
                 }
             }
             "obj" | "ply" | "serialized" => {

@@ -293,7 +293,7 @@ impl<'a> PrincipledLobes<'a> {
 
     /// Whether any light goes through.
     pub(in crate::material) fn transmits(&self) -> bool {
-        self.seen.choice[2] > 0.0
+        self.seen.choice[2] > 0.0 || self.by_facet()
     }
 
     /// Which lobes it has, without those that are specular.
