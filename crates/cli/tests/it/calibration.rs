@@ -34,6 +34,7 @@ fn a_lens_is_calibrated_and_photographed_with() {
     for (args, says) in [
         (&["lens", "calibrate", "double-gauss-50mm", "-o", "x.dat"][..], "--format"),
         (&["lens", "calibrate", "double-gauss-50mm", "--model", "cubic"], "opencv5"),
+        (&["lens", "calibrate", "double-gauss-50mm", "-o", "x.yaml", "--format", "lensfun"], "ends in .xml"),
         (&["lens", "calibrate", "double-gauss-50mm", "-o", "images.txt"], "shoot"),
         (&["lens", "calibrate", "double-gauss-50mm", "--size", "48x32", "--model", "f-theta", "-o", "x.yaml"], "opencv5"),
         (&["shoot", "cornell", "--camera", "undistort.exr"], "undistorts"),

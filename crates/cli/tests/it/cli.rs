@@ -544,6 +544,7 @@ fn failures_exit_with_1_and_leave_nothing() {
     let f = Folder::new("failures");
     std::fs::write(f.path("short.glb"), b"glTF\x02\0\0\0\xff\xff\0\0").unwrap();
     std::fs::write(f.path("text.gltf"), b"not json").unwrap();
+    std::fs::write(f.path("empty.toml"), b"\n").unwrap();
     std::fs::write(f.path("text.exr"), b"not exr").unwrap();
     std::fs::write(f.path("text.hdr"), b"not hdr").unwrap();
     std::fs::write(f.path("t.mtl"), "newmtl a\nmap_Kd gone.png\n").unwrap();
@@ -560,6 +561,7 @@ fn failures_exit_with_1_and_leave_nothing() {
         (&["scene", "info", "t.obj", "--strict"], "gone.png"),
         (&["scene", "convert", "t.obj", "--strict", "-o", "t.glb"], "gone.png"),
         (&["shoot", "missing.toml"], "missing.toml"),
+        (&["shoot", "empty.toml"], "empty.toml: the file is empty"),
         (&["shoot", "--environment", "text.hdr"], "text.hdr"),
         (&["shoot", "-o", "no/such/folder/photo.jpg"], "cannot be written: there is no folder no"),
         (&["lens", "info", "missing.zmx"], "missing.zmx: there is no such file"),
@@ -1022,12 +1024,14 @@ fn calculators_answer_with_published_numbers() {
 #[test]
 fn stopped_and_killed_exposures_go_on() {
     let f = Folder::new("checkpoint");
-    let args = ["expose", "cornell", "--size", "32x32", "--spp", "2048", "--shutter", "1/30", "--checkpoint", "10ms", "-o"];
+    let args =
+        ["expose", "cornell", "--json", "--size", "32x32", "--spp", "2048", "--shutter", "1/30", "--checkpoint", "10ms", "-o"];
     let start = |out: &str| {
         let child = Command::new(env!("CARGO_BIN_EXE_diopter"))
             .args(args)
             .arg(out)
             .current_dir(&f.0)
+            .stdout(std::process::Stdio::piped())
             .stderr(std::process::Stdio::piped())
             .spawn()
             .unwrap();
@@ -1056,6 +1060,9 @@ fn stopped_and_killed_exposures_go_on() {
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.code() == Some(1) && message.contains("of 2048 samples a pixel"), "{message}");
     assert!(f.path("stopped.exr").exists());
+    // One document for machines, which says so.
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(told["stopped"] == true && told["error"].is_null(), "{told}");
     // Another exposure does not take it.
     let (code, message) = f.fails(&["expose", "cornell", "--size", "32x32", "--spp", "8", "--resume", "-o", "stopped.exr"]);
     assert!(code == 2 && message.contains("another exposure"), "{message}");

@@ -177,7 +177,7 @@ mod tests {
             ("linear", 12),
         ] {
             for storage in [Storage::Sixteen, Storage::Packed, Storage::Lossless] {
-                for (width, height) in [(37, 23), (300, 270), (1, 1), (512, 16)] {
+                for (width, height) in [(37, 23), (300, 270), (1, 1), (512, 16), (48, 23)] {
                     let raw = image(pattern, bits, width, height);
                     let mut file = Cursor::new(Vec::new());
                     write_image(&raw, storage, None, &mut file).unwrap();
@@ -422,6 +422,20 @@ mod tests {
             assert!((got - f64::from(*v) / 2.0).abs() < 1e-5, "{got} {v}");
         }
         assert_eq!(h.warnings.len(), 1);
+    }
+
+    #[test]
+    fn no_tile_is_wider_than_the_picture() {
+        // LibRaw and dcraw would break its rows at the width of the picture.
+        let written = |width: usize, storage: Storage| {
+            let mut file = Cursor::new(Vec::new());
+            write_image(&image("RG/GB", 14, width, 60), storage, None, &mut file).unwrap();
+            file.into_inner()
+        };
+        for (width, is_packed) in [(200, true), (90, true), (208, false), (64, false), (300, false)] {
+            let same = written(width, Storage::Lossless) == written(width, Storage::Packed);
+            assert_eq!(same, is_packed, "{width}");
+        }
     }
 
     #[test]
