@@ -8,9 +8,9 @@
 //! Of lamps of a finite size alone: the sky through a window is seldom where a mirror shows it. Not where something moves, in media that scatter, nor beside light paths, which find such light themselves. Measured: `docs/decisions/clear-glass.md`.
 
 use super::path::{Path, SurfaceVertex, Transport};
-use super::prev_scatter::PrevScatter;
+use super::prev_scatter::{LineToLight, PrevScatter};
 use super::tally::Tally;
-use super::through_glass::{LightWay, LineToLight, stops_rays};
+use super::through_glass::{LightWay, stops_rays};
 use super::to_light::shadow_segment;
 use super::weights::squared_ratio;
 use crate::light::LightRef;

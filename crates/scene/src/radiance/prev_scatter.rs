@@ -3,6 +3,7 @@
 use crate::medium::Medium;
 use crate::medium_stack::MediumId;
 use crate::scene::Scene;
+use diopter_light::Ray;
 use glam::Vec3;
 
 /// The last place from which lights could have been sampled.
@@ -25,6 +26,17 @@ impl PrevScatter {
         let sought = self.joint.and_then(|id| scene.medium(id)).is_some_and(|m| std::ptr::eq(m, medium));
         (self.traveled == 0.0 && sought).then_some(SegmentStart { point: self.point, density: self.density })
     }
+}
+
+/// A straight line along which lights were sampled that a path comes to by a bent one.
+#[derive(Clone, Copy)]
+pub(super) struct LineToLight {
+    /// The last place from which lights were sampled, or its image in a mirror.
+    pub from: PrevScatter,
+    /// From there, or from behind the mirror.
+    pub ray: Ray,
+    /// Whether it is behind a mirror, over which lamps of a finite size alone are sampled ([`super::mirrored`]).
+    pub over_mirror: bool,
 }
 
 /// A scattering event with which a segment begins, from which lights were sought.

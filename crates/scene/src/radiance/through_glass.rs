@@ -8,7 +8,7 @@
 //! Not for what moves, in media that scatter, nor beside light paths, which find such light themselves. Measured: `docs/decisions/clear-glass.md`.
 
 use super::path::{Path, SurfaceVertex, Transport};
-use super::prev_scatter::PrevScatter;
+use super::prev_scatter::{LineToLight, PrevScatter};
 use super::tally::Tally;
 use super::to_light::{MAX_INTERFACES, origin_behind, shadow_segment};
 use super::weights::squared_ratio;
@@ -29,17 +29,6 @@ const ROULETTE_AFTER: u32 = 5;
 pub(super) struct Densities {
     pub by_light: f32,
     pub by_scattering: f32,
-}
-
-/// A straight line along which lights were sampled that a path comes to by a bent one.
-#[derive(Clone, Copy)]
-pub(super) struct LineToLight {
-    /// The last place from which lights were sampled, or its image in a mirror.
-    pub from: PrevScatter,
-    /// From there, or from behind the mirror.
-    pub ray: Ray,
-    /// Whether it is behind a mirror, over which lamps of a finite size alone are sampled ([`super::mirrored`]).
-    pub over_mirror: bool,
 }
 
 /// The way along which light is looked for from a vertex.
