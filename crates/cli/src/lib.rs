@@ -44,6 +44,18 @@ impl std::fmt::Display for UsageError {
 
 impl std::error::Error for UsageError {}
 
+/// A command that was stopped, after it wrote and printed what it had: its results say so.
+#[derive(Debug)]
+struct Stopped(String);
+
+impl std::fmt::Display for Stopped {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Stopped {}
+
 /// Runs one command; `typed` is the whole command line with the name of the program first. Answers with the exit code: see the top of this page.
 ///
 /// Takes over the signals of the process (Ctrl-C), and may set the number of threads of rayon's global pool: to be called once, as all there is to do.
@@ -77,18 +89,6 @@ pub fn run(typed: impl IntoIterator<Item = OsString>) -> u8 {
         }
     }
 }
-
-/// A command that was stopped, after it wrote and printed what it had: its results say so.
-#[derive(Debug)]
-struct Stopped(String);
-
-impl std::fmt::Display for Stopped {
-    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl std::error::Error for Stopped {}
 
 /// What failed to be written without a name was so on standard output: all other files are named where they are opened.
 fn of_output(e: anyhow::Error) -> anyhow::Error {

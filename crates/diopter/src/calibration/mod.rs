@@ -132,6 +132,13 @@ impl Format {
         }
     }
 
+    /// Whether a file may hold it by the ending of its name: its own, or one that says no format.
+    pub fn suits(self, path: &Path) -> bool {
+        let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+        let ending = if ending == "yml" { "yaml" } else { ending.as_str() };
+        ending == self.ending() || Self::NAMES.iter().all(|(_, format)| format.ending() != ending)
+    }
+
     /// The format that the name of a file says. `None` where it does not say one.
     pub fn of(path: &Path) -> Option<Format> {
         let name = path.file_stem()?.to_string_lossy().to_lowercase();

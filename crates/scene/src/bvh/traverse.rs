@@ -256,7 +256,7 @@ fn traverse<S: Simd, F: Filter, const ANY: bool, const MOVES: bool>(
 /// What waits on the way down: the distance at which a box is entered above, the child below. Distances are not negative, so their bits are ordered as they are.
 #[inline(always)]
 fn met(near: &[f32; 8], node: &Node, i: usize) -> u64 {
-    (near[i & 7].to_bits() as u64) << 32 | node.child[i & 7].0 as u64
+    (near[i].to_bits() as u64) << 32 | node.child[i].0 as u64
 }
 
 /// The same of what lies below a child.

@@ -20,7 +20,7 @@ pub struct AreaLight {
     pub material: u32,
     /// Texture coordinates at the corners of a triangle.
     pub uv: [[Vec2; 3]; 2],
-    /// Alpha of a triangle's corners: multiplies the coverage of its material, as it does where rays hit.
+    /// Alpha of a triangle's corners, 1 of other shapes: multiplies the coverage of its material, as it does where rays hit.
     pub alpha: [f32; 3],
     /// Whether the back shines too.
     pub two_sided: bool,
@@ -119,14 +119,8 @@ impl AreaLight {
         let first = 1.0 - place.x - place.y;
         let uv = self.uv.map(|[a, b, c]| a * first + b * place.x + c * place.y);
         // Where a surface has holes it does not shine either.
-        let fraction = match self.shape {
-            AreaShape::Triangle(_) => {
-                let [a, b, c] = self.alpha;
-                material.coverage.fraction(&uv, a * first + b * place.x + c * place.y)
-            }
-            _ => material.coverage.fraction(&uv, 1.0),
-        };
-        (uv, fraction)
+        let [a, b, c] = self.alpha;
+        (uv, material.coverage.fraction(&uv, a * first + b * place.x + c * place.y))
     }
 
     /// [`AreaLight::radiance`] over the spectrum of [`AreaLight::carrier`].

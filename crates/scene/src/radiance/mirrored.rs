@@ -16,8 +16,8 @@ use super::weights::squared_ratio;
 use crate::light::LightRef;
 use crate::scene::{Mirror, Mirrors, Visibility};
 use crate::shape::{Surface, offset_origin};
+use diopter_light::Ray;
 use diopter_light::random::Dimensions;
-use diopter_light::{Ray, SampledSpectrum};
 use glam::Vec3;
 
 /// Relative distance behind a mirror up to which a ray is followed that is to meet it.
@@ -27,11 +27,7 @@ impl<'a> Transport<'a> {
     /// The mirrors over which lights are sampled from the vertices of a path.
     #[inline]
     fn mirrors_for<T: Tally>(&self, path: &Path<'a, T>) -> Option<&'a Mirrors> {
-        let light_paths = &path.camera.light_paths;
-        self.scene
-            .mirrors()
-            .filter(|_| !self.scene.lights().area.is_empty() && self.scene.media_only_absorb())
-            .filter(|_| light_paths.photons.is_none() && light_paths.vertices.is_none())
+        self.scene.mirrors().filter(|_| !self.scene.lights().area.is_empty() && self.bends_light_samples(path))
     }
 
     /// Adds what a lamp sends over a mirror to a vertex; to be scattered there where `is_scattered`, else as it arrives from the side of the normal. Gives the unit direction from which it comes.
@@ -72,13 +68,7 @@ impl<'a> Transport<'a> {
             return None;
         }
         let wi = mirror.turned(behind);
-        let (f, by_scattering) = here.bsdf.eval(wi);
-        let f = match is_scattered {
-            true if f == SampledSpectrum::ZERO => return None,
-            true => f,
-            false if wi.dot(here.ng) <= 0.0 => return None,
-            false => SampledSpectrum::ONE,
-        };
+        let (f, by_scattering) = here.response(wi, is_scattered)?;
         let (origin, medium_stack) = here.leave(scene, path.medium_stack, wi);
         if !medium_stack.is_outside() {
             return None;

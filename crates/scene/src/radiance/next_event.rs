@@ -39,13 +39,7 @@ impl<'a> Transport<'a> {
         }
         let (light, probability) = self.scene.lights().choose(surface.point, bsdf.light_normal(), u[2], path.flash)?;
         let light_sample = self.scene.sample_li(light, surface.point, [u[0], u[1]], time_s)?;
-        let (f, pdf) = bsdf.eval(light_sample.wi);
-        let f = match is_scattered {
-            true if f == SampledSpectrum::ZERO => return None,
-            true => f,
-            false if light_sample.wi.dot(here.ng) <= 0.0 => return None,
-            false => SampledSpectrum::ONE,
-        };
+        let (f, pdf) = here.response(light_sample.wi, is_scattered)?;
         let density = probability * light_sample.pdf;
         let by_chance = if light_sample.has_extent { squared_ratio(pdf, density) } else { 0.0 };
         let weight = 1.0 / (1.0 + by_chance);

@@ -181,6 +181,17 @@ pub(super) struct SurfaceVertex<'v, 'a> {
 }
 
 impl SurfaceVertex<'_, '_> {
+    /// What light from a direction is multiplied by, and the density of the direction if it were scattered there: f cos θ where it `is_scattered`; else 1, as it arrives from the side of the normal. `None`
+    /// where it brings nothing.
+    #[inline(always)]
+    pub fn response(&self, wi: Vec3, is_scattered: bool) -> Option<(SampledSpectrum, f32)> {
+        let (f, pdf) = self.bsdf.eval(wi);
+        match is_scattered {
+            true => (f != SampledSpectrum::ZERO).then_some((f, pdf)),
+            false => (wi.dot(self.ng) > 0.0).then_some((SampledSpectrum::ONE, pdf)),
+        }
+    }
+
     /// Where a ray starts that leaves in a direction, and the bodies that it is in then.
     #[inline]
     pub fn leave(&self, scene: &Scene, mut medium_stack: MediumStack, direction: Vec3) -> (Vec3, MediumStack) {

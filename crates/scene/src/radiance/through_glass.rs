@@ -45,11 +45,14 @@ impl<'a> Transport<'a> {
     /// Whether lights are sampled through clear bodies from the vertices of a path.
     #[inline]
     pub fn samples_light_through_glass<T: Tally>(&self, path: &Path<'a, T>) -> bool {
+        self.scene.has_clear_bodies() && self.bends_light_samples(path)
+    }
+
+    /// Whether light samples of a path may be bent: not in media that scatter, nor beside light paths, which find such light themselves.
+    #[inline]
+    pub fn bends_light_samples<T: Tally>(&self, path: &Path<'a, T>) -> bool {
         let light_paths = &path.camera.light_paths;
-        self.scene.has_clear_bodies()
-            && self.scene.media_only_absorb()
-            && light_paths.photons.is_none()
-            && light_paths.vertices.is_none()
+        self.scene.media_only_absorb() && light_paths.photons.is_none() && light_paths.vertices.is_none()
     }
 
     /// Whether they were from the last vertex of a path along its ray, which meets a surface.

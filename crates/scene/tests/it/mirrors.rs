@@ -65,7 +65,7 @@ fn a_small_lamp_over_a_mirror_is_sampled() {
     let seen_from = Vec3::from_array(at.map(|v| v as f32)) - towards;
     let found = mean(&scene(facing_up(MIRROR, 2.0, 1.0)), seen_from, towards.normalize(), 1024, &two_events);
     assert_within(found, [0.5 * irradiance / PI; 4], 1e-4, "mirror");
-    // A scattered ray would meet its image once in 2500 times.
+    // A scattered ray would meet its image once in 3000 times.
     assert!(found.1[0] < 0.002 * found.0[0], "{found:?}");
     // Two triangles of a mesh, and a mirror that stops short of where the image would be seen.
     let triangles = Mesh {

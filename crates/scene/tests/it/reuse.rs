@@ -49,7 +49,7 @@ fn sky() -> Environment {
     Environment::new(map, Mat3::from_rotation_y(0.7), 1.0)
 }
 
-/// A room of everything that can lend or receive: diffuse, glossy, lacquered, broad and narrow metal, a mirror, glass that bends and disperses, frosted glass, a pane, cloth that shines through, fog in a
+/// A room of everything that can lend or receive: diffuse, glossy, lacquered, broad and narrow metal, a mirror, glass that bends and disperses, frosted glass around a lamp, a pane, cloth that shines through, fog in a
 /// ball, a faceted ball with smooth normals, a curtain that lets rays through by chance; a lamp, one above a shade that few places see, one that light does not meet, a bulb without extent, a narrow sun and
 /// a sky.
 fn description() -> Description {
@@ -118,6 +118,7 @@ fn description() -> Description {
         ball("shaded lamp", [-0.9, 1.4, -1.2], 0.15, 1),
         quad("shade", [-1.2, 1.2, -1.5], [[0.6, 0.0, 0.0], [0.0, 0.0, 0.6]], 0),
         ball("frosted", [-0.6, -0.7, 0.4], 0.3, 13),
+        ball("lamp within", [-0.6, -0.7, 0.4], 0.1, 1),
         ball("glow", [1.3, 0.9, -0.6], 0.12, 14),
     ];
     let curtain = Mesh {

@@ -82,7 +82,7 @@ pub struct Calibrate {
     /// Wavelength of the ray, nm; 587.6 without. A lens with lateral colour has another calibration for each colour.
     #[arg(long, value_name = "NM", value_parser = wavelength)]
     wavelength: Option<f64>,
-    /// Format of the files, where their names do not say it, or of several formats of their ending another: json, opencv, colmap, nerfstudio, kalibr, lensfun, st-map, st-map-undistort, ray-table.
+    /// Format of the files, where their names do not say it, or another one of their ending: json, opencv, colmap, nerfstudio, kalibr, lensfun, st-map, st-map-undistort, ray-table.
     #[arg(long, value_name = "NAME")]
     format: Option<String>,
     /// File to write; may be given several times.
@@ -227,17 +227,12 @@ fn named(name: &str) -> anyhow::Result<ModelKind> {
     })
 }
 
-/// Endings that say a kind of file.
-const ENDINGS: [&str; 5] = ["json", "yaml", "txt", "xml", "exr"];
-
 /// What is written into a file.
 fn format_of(path: &Path, args: &Calibrate) -> anyhow::Result<Format> {
     let format = match &args.format {
         Some(name) => {
             let format = Format::named(name).map_err(|e| UsageError(e.into()))?;
-            // A name may leave open which of several formats of its ending is meant.
-            let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase().replace("yml", "yaml")).unwrap_or_default();
-            if ENDINGS.contains(&ending.as_str()) && ending != format.ending() {
+            if !format.suits(path) {
                 let what = format!("--format {name}; expected a name that ends in .{}, or another --format", format.ending());
                 return Err(UsageError(anyhow!("{}: {what}", path.display())).into());
             }

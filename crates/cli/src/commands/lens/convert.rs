@@ -44,7 +44,7 @@ impl Convert {
             }
         };
         if global.json && output.is_none() {
-            return print_json(&json!({ "name": prescription.name, "notes": prescription.notes, "toml": text }));
+            return print_json(&json!({ "name": prescription.name, "notes": notes, "toml": text }));
         }
         match output {
             None => write!(std::io::stdout(), "{text}")?,
