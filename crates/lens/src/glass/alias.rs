@@ -6,18 +6,13 @@
 //! falls while they cool fast (Schott TIE-40).
 
 use super::catalogue::{VENDORS, plain};
-use super::{Glass, GlassError};
+use super::{Glass, GlassError, GlassKind};
 
 /// Name (letters and digits only), the glass it is taken for, and why.
 const ALIASES: &[(&str, &str, &str)] = &[
-    ("BK7", "schott/N-BK7", "Schott prints the same dispersion for both"),
     ("LASF9", "schott/N-LASF9", "the successor of the same glass code 850322"),
-    ("LAKN22", "schott/N-LAK22", "the successor of the same glass code 651559"),
-    // No glass of today has their place; nd and Vd of Schott's discontinued glasses, by glass codes 650392 and 618551.
-    ("BASF10", "1.65016/39.15", "discontinued: a curve through Schott's nd and Vd"),
+    // No glass of today has its place; by glass code 618551.
     ("SSK4", "1.61765/55.14", "discontinued: a curve through Schott's nd and Vd"),
-    ("SSK4A", "1.61765/55.14", "discontinued: a curve through Schott's nd and Vd"),
-    ("B270", "1.5229/58.5", "a curve through the nd and Vd of Schott's data sheet of B 270"),
     ("CAF2DAIMON20", "schott/LITHOTEC-CAF2", "calcium fluoride"),
     ("FSILICA", "material/SILICA", "fused silica, Malitson 1965"),
     ("FUSEDSILICA", "material/SILICA", "fused silica, Malitson 1965"),
@@ -72,13 +67,42 @@ const MOULDED: &[(&str, f64, f64)] = &[
     ("VC78", 1.66547, 55.12),
 ];
 
-/// A glass by the name another program gives it, and a note where that is not the catalogue's name. Fails as
-/// [`Glass::parse_preferring`] does where no alias is known either.
+/// A glass by the name another program gives it, and a note where that is not the catalogue's name, or where none of the `vendors` that the file names
+/// (lower case; none if it names none) has it. Fails as [`Glass::parse_preferring`] does where no alias is known either.
 pub(crate) fn parse_foreign(name: &str, vendors: &[&str]) -> Result<(Glass, Option<String>), GlassError> {
-    let unknown = match Glass::parse_preferring(name, vendors) {
-        Err(e @ (GlassError::Unknown { .. } | GlassError::NoFigures(_))) => e,
-        found => return found.map(|glass| (glass, None)),
+    let found = match Glass::parse_preferring(name, vendors) {
+        Err(e @ (GlassError::Unknown { .. } | GlassError::NoFigures(_))) => Err(e),
+        found => Ok(found?),
     };
+    let knows_makers: Vec<&str> = vendors.iter().copied().filter(|v| MAKERS.contains(v)).collect();
+    match found {
+        // Of another maker: an old name of one that the file names comes first.
+        Ok(glass) if is_of_other_maker(&glass, name, &knows_makers) => by_alias(name, vendors, None).or_else(|_| {
+            let makers = knows_makers.join(", ");
+            let note = format!(
+                "glass \"{name}\": the file asks for glass of {makers}, of which none has that name; taken is {}",
+                glass.written()
+            );
+            Ok((glass, Some(note)))
+        }),
+        Ok(glass) => Ok((glass, None)),
+        Err(unknown) => by_alias(name, vendors, Some(unknown)),
+    }
+}
+
+/// Vendors whose glasses have names that others use for other glasses.
+const MAKERS: &[&str] = VENDORS.split_at(7).0;
+
+/// Whether a glass that was found by its bare name is of none of the makers that a file names, if it names any.
+fn is_of_other_maker(glass: &Glass, name: &str, makers: &[&str]) -> bool {
+    let GlassKind::Catalogue { vendor, .. } = &glass.kind else { return false };
+    let names_vendor = name.to_ascii_lowercase().contains(vendor.as_str());
+    !makers.is_empty() && !names_vendor && MAKERS.contains(&vendor.as_str()) && !makers.contains(&vendor.as_str())
+}
+
+/// A glass by a name that the catalogue does not have, with a note. Fails with `unknown`, or as a name that nobody knows.
+fn by_alias(name: &str, vendors: &[&str], unknown: Option<GlassError>) -> Result<(Glass, Option<String>), GlassError> {
+    let unknown = unknown.unwrap_or_else(|| GlassError::Unknown { name: name.to_owned(), hint: String::new() });
     let taken = |glass: Glass, why: &str| {
         let note = format!("glass \"{name}\" is taken for {}: {why}", glass.written());
         Ok((glass, Some(note)))
@@ -95,7 +119,8 @@ pub(crate) fn parse_foreign(name: &str, vendors: &[&str]) -> Result<(Glass, Opti
         return Err(unknown);
     }
     // Old names are Schott's, or of no vendor.
-    if vendor.is_none_or(|v| v.eq_ignore_ascii_case("schott")) {
+    let of_schott = |v: &&str| v.eq_ignore_ascii_case("schott");
+    if vendor.as_ref().is_none_or(of_schott) && (vendor.is_some() || vendors.is_empty() || vendors.iter().any(of_schott)) {
         if let Some((_, target, why)) = ALIASES.iter().find(|a| a.0 == key) {
             return taken(Glass::parse(target)?, why);
         }
@@ -137,16 +162,11 @@ mod tests {
     fn other_programs_names_are_found_with_a_note() {
         // nd by the sheets of Schott, Corning and Rochester Precision Optics.
         for (name, nd, vd) in [
-            ("BK7", 1.51680, 64.17),
-            ("BK7_SCHOTT", 1.51680, 64.17),
             ("FUSED_SILICA", 1.45846, 67.82),
             ("F_SILICA", 1.45846, 67.82),
             ("LASF9", 1.85025, 32.17),
             ("SSK4", 1.61765, 55.14),
-            ("LAKN22", 1.65113, 55.89),
-            ("BASF10", 1.65016, 39.15),
-            ("SK10", 1.62278, 56.98),
-            ("LAKN12", 1.67790, 55.20),
+            ("LASF44", 1.80420, 46.50),
             ("N-BK7_MOLD", 1.51259, 63.65),
             ("SILICA_SPECIAL", 1.45846, 67.82),
         ] {
@@ -156,7 +176,7 @@ mod tests {
             assert!(note.is_some_and(|n| n.contains(name)), "{name}");
         }
         // What the catalogue has needs none.
-        for name in ["N-BK7", "C79-80", "GERMANIUM", "SILICON", "CAF2", "1.5/60", "air"] {
+        for name in ["N-BK7", "BK7", "BK7_SCHOTT", "C79-80", "GERMANIUM", "SILICON", "CAF2", "1.5/60", "air"] {
             assert_eq!(parse_foreign(name, &[]).unwrap().1, None, "{name}");
         }
         // 1550 nm in silicon 3.478 (Salzberg & Villa 1957), 10 µm in germanium 4.003 (Icenogle et al. 1976).
@@ -173,6 +193,31 @@ mod tests {
             assert!(parse_foreign(name, &[]).is_err(), "{name}");
         }
         // Our own form does not know aliases.
-        assert!(Glass::parse("BK7").is_err());
+        assert!(Glass::parse("SSK4").is_err());
+    }
+
+    #[test]
+    fn a_name_is_of_the_maker_that_the_file_names() {
+        // nd of Schott's catalogue of 1996 and of CDGM's and Hoya's: the same names, other glasses.
+        for (name, vendors, nd) in [
+            ("F6", &[][..], 1.63636),
+            ("F6", &["schott"], 1.63636),
+            ("F7", &["schott", "cdgm"], 1.62536),
+            ("F6", &["cdgm", "schott"], 1.62495),
+            ("F6_HOYA", &["schott"], 1.63636),
+            ("SK16", &["schott"], 1.62041),
+        ] {
+            let (glass, note) = parse_foreign(name, vendors).unwrap();
+            assert!((glass.index(D_NM) - nd).abs() < 2e-5 && note.is_none(), "{name} {vendors:?}: {}", glass.index(D_NM));
+        }
+        // Of makers that the file does not name: told; not of materials.
+        let (glass, note) = parse_foreign("H-K9L", &["schott", "hoya"]).unwrap();
+        assert!((glass.index(D_NM) - 1.5168).abs() < 2e-5);
+        let note = note.unwrap();
+        assert!(note.contains("schott, hoya") && note.contains("cdgm/H-K9L"), "{note}");
+        assert_eq!(parse_foreign("GERMANIUM", &["schott"]).unwrap().1, None);
+        assert_eq!(parse_foreign("H-K9L", &["infrared"]).unwrap().1, None);
+        // Nobody sells those that are no longer made.
+        assert!(!crate::glass::entry_names().iter().any(|name| name == "schott/F6"));
     }
 }

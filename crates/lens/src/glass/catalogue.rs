@@ -1,4 +1,5 @@
-//! The catalogue: 1,687 glasses of seven vendors, crystals and plastics.
+//! The catalogue: 1,687 glasses of seven vendors, crystals and plastics; and 393 glasses that Schott and Hoya no longer list, which are found by
+//! name and not proposed to anyone.
 //!
 //! Source: refractiveindex.info database at commit ff11b58 (CC0), from the vendors' own sheets; `data/*.csv` hold the figures as
 //! text, `build.rs` packs them, and they are unpacked and indexed when the first name is asked for.
@@ -11,8 +12,10 @@ use std::sync::OnceLock;
 pub(super) const VENDORS: [&str; 9] = ["schott", "ohara", "hoya", "hikari", "sumita", "cdgm", "lzos", "material", "plastic"];
 
 struct Catalogue {
-    /// Lines of both tables.
+    /// Lines of all tables.
     lines: String,
+    /// Of which these first bytes are of glasses that vendors list.
+    listed: usize,
     /// Lines of the absorption table.
     absorption: String,
     /// Name without dashes and case → (vendor, byte offset of its line).
@@ -32,6 +35,8 @@ fn catalogue() -> &'static Catalogue {
     CATALOGUE.get_or_init(|| {
         let mut lines = unpack(include_bytes!(concat!(env!("OUT_DIR"), "/glasses.deflate")));
         lines += &unpack(include_bytes!(concat!(env!("OUT_DIR"), "/materials.deflate")));
+        let listed = lines.len();
+        lines += &unpack(include_bytes!(concat!(env!("OUT_DIR"), "/discontinued.deflate")));
         let absorption = unpack(include_bytes!(concat!(env!("OUT_DIR"), "/absorption.deflate")));
         let offset = |whole: &str, line: &str| line.as_ptr() as usize - whole.as_ptr() as usize;
         let mut by_name: HashMap<String, Vec<(usize, usize)>> = HashMap::new();
@@ -47,7 +52,7 @@ fn catalogue() -> &'static Catalogue {
             .filter(|l| !l.starts_with('#'))
             .filter_map(|l| Some((l.split_once(',')?.0.to_owned(), offset(&absorption, l))))
             .collect();
-        Catalogue { lines, absorption, by_name, absorption_by_name }
+        Catalogue { lines, listed, absorption, by_name, absorption_by_name }
     })
 }
 
@@ -56,16 +61,17 @@ pub(super) fn plain(name: &str) -> String {
     name.chars().filter(|c| c.is_alphanumeric()).map(|c| c.to_ascii_uppercase()).collect()
 }
 
-/// Every name as "vendor/name", in the order of the tables.
+/// Every name as "vendor/name", in the order of the tables, but for glasses that are no longer made.
 pub fn entry_names() -> Vec<String> {
     let entry = |l: &'static str| {
         let mut fields = l.split(',');
         Some(format!("{}/{}", fields.next()?, fields.next()?))
     };
-    catalogue().lines.lines().filter(|l| !l.starts_with('#')).filter_map(entry).collect()
+    let catalogue = catalogue();
+    catalogue.lines[..catalogue.listed].lines().filter(|l| !l.starts_with('#')).filter_map(entry).collect()
 }
 
-/// All glasses of a vendor that have figures, in the order of its table; `None` where there is no such vendor.
+/// All glasses that a vendor lists and that have figures, in the order of its table; `None` where there is no such vendor.
 pub fn catalogue_glasses(vendor: &str) -> Option<Vec<Glass>> {
     let vendor = VENDORS.iter().find(|v| v.eq_ignore_ascii_case(vendor.trim()))?;
     let of_vendor = |name: &String| name.split_once('/').is_some_and(|(v, _)| v == *vendor);
