@@ -79,6 +79,8 @@ pub struct CompoundLens {
     pupils: PupilTable,
     detail: PupilDetail,
     transmittance: f64,
+    /// Radiance in the film's medium over that in air: the square of its index, n' at the reference wavelength.
+    film_gain: f64,
     disperses: bool,
 }
 
@@ -138,6 +140,7 @@ impl CompoundLens {
         let pupils = PupilTable::new(&geometry, detail);
         let disperses = system.glasses.iter().any(|g| g.index(450.0) != g.index(650.0));
         let reference = n;
+        let film_gain = system.film_index(&reference).powi(2);
         let mut lens = CompoundLens {
             prescription,
             system,
@@ -154,6 +157,7 @@ impl CompoundLens {
             pupils,
             detail,
             transmittance: 1.0,
+            film_gain,
             disperses,
         };
         lens.transmittance = lens.axial_transmittance();
@@ -321,7 +325,7 @@ impl CompoundLens {
 
     /// f-number of a lossless, unobstructed lens as bright on the axis.
     pub fn t_number(&self) -> f64 {
-        self.f_number / self.transmittance.sqrt()
+        self.f_number / (self.transmittance * self.film_gain).sqrt()
     }
 
     /// First-order data as it stands.
@@ -397,7 +401,7 @@ impl CompoundLens {
         let fraction = self.system.transmittance(ray, &n, nm, TraceDirection::ToObject)?;
         let stop = self.stop_transmittance(ray, &n)?;
         let out = self.system.trace(ray, &n, TraceDirection::ToObject, Apertures::Clip)?;
-        let weight_sr = area * ray.direction.z.powi(4) * fraction * stop;
+        let weight_sr = area * ray.direction.z.powi(4) * fraction * stop * self.film_gain;
         Ok(LensRay { origin_mm: self.relative_to_pupil(out.position), direction: out.direction, weight_sr })
     }
 
@@ -407,7 +411,7 @@ impl CompoundLens {
         let n = self.system.indices(nm);
         let fraction = self.system.transmittance(ray, &n, nm, TraceDirection::ToObject)? * self.stop_transmittance(ray, &n)?;
         let out = self.system.trace(ray, &n, TraceDirection::ToObject, Apertures::Clip)?;
-        let weight_sr = ray.direction.z.powi(4) * fraction;
+        let weight_sr = ray.direction.z.powi(4) * fraction * self.film_gain;
         Ok(LensRay { origin_mm: self.relative_to_pupil(out.position), direction: out.direction, weight_sr })
     }
 

@@ -53,6 +53,8 @@ pub struct Diffraction {
     tail: Option<Tail>,
     /// Radius beyond which light is wings, mm.
     core_mm: f64,
+    /// Index of the film's medium, in which waves are shorter.
+    film_index: f64,
 }
 
 /// A pattern and what its table needs to be scaled.
@@ -142,12 +144,16 @@ impl Diffraction {
                 (PupilMap::Traced(map), grids, lens.system().iris.shape.clone())
             }
         };
+        let film_index = match lens {
+            Lens::Compound(lens) => lens.system().film_index(&lens.system().reference_indices()),
+            _ => 1.0,
+        };
         // The area of a picture is that of all of its light; the map counts roots of the area of the f-number's disk.
         let by_iris = !matches!(map, PupilMap::Traced(_));
         let size = match &map {
             PupilMap::Thin { axes, film_distance } => axes[0].length() / film_distance,
             PupilMap::Even(size) => *size,
-            PupilMap::Traced(t) => t.zones.iter().map(|z| z.size).fold(f64::INFINITY, f64::min),
+            PupilMap::Traced(t) => film_index * t.zones.iter().map(|z| z.size).fold(f64::INFINITY, f64::min),
         };
         let scaled = |grid: &PupilGrid| {
             let side = if by_iris { grid.side / root } else { grid.filled().sqrt().recip() };
@@ -161,7 +167,7 @@ impl Diffraction {
         if let PupilMap::Traced(traced) = &mut map {
             traced.add_aberrations(&phased, &mut patterns);
         }
-        Some(Diffraction { pupils: map, patterns, tail: Tail::of(&iris), core_mm })
+        Some(Diffraction { pupils: map, patterns, tail: Tail::of(&iris), core_mm, film_index })
     }
 
     /// Diffraction at a film point, mm.
@@ -179,6 +185,7 @@ impl Diffraction {
             }
             PupilMap::Traced(map) => map.cosines(film),
         };
+        let cosines = cosines * self.film_index;
         let scaled = &self.patterns[patterns];
         // The phase of a place x of the pupil is u · (C x): its frequency in the table is Cᵀ u times the table's side, the same for all colours.
         let table_from_film = cosines.transpose() * scaled[0].side;

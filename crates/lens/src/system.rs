@@ -237,6 +237,11 @@ impl System {
         self.glasses.iter().map(|g| g.index(nm)).chain(wavelength).collect()
     }
 
+    /// Index of what the film stands in, by [`System::indices`]: 1 in air. Radiance over its square is kept along a ray, and waves are shorter by it.
+    pub fn film_index(&self, n: &[f64]) -> f64 {
+        n.get(self.surfaces.len()).map_or(1.0, |n| n.abs())
+    }
+
     /// Indices at the wavelength at which focal lengths, f-numbers and film planes are found: [`REFERENCE_NM`], or where a glass is opaque there (germanium), the shortest
     /// at which the ranges of all begin.
     pub fn reference_indices(&self) -> Vec<f64> {

@@ -282,13 +282,14 @@ impl Bench<'_> {
         };
         (low, high) = lit(a, b, 64).unwrap_or((a, b));
         const SIDE: usize = 160;
+        let gain = self.system.film_index(&n).powi(2);
         let cell = (high - low) / SIDE as f64;
         let (mut geometric, mut with_losses) = (0.0, 0.0);
         for i in 0..SIDE * SIDE {
             let s = low + cell * DVec2::new((i % SIDE) as f64 + 0.5, (i / SIDE) as f64 + 0.5);
             let r = ray(s);
             if let Ok(fraction) = self.system.transmittance(r, &n, nm, TraceDirection::ToObject) {
-                let part = cell.x * cell.y * r.direction.z.powi(4);
+                let part = cell.x * cell.y * r.direction.z.powi(4) * gain;
                 geometric += part;
                 with_losses += part * fraction;
             }

@@ -263,6 +263,7 @@ impl Bench<'_> {
         for &(nm, weight) in colors {
             let mut n = Indices::default();
             batch.indices(&[nm; LANES], &mut n);
+            let film_index = self.system.film_index(&self.system.indices(nm));
             let sampling = Sampling { batch: &batch, n, beam: &beam, image, back, nm };
             let mut sampled = None;
             for across in ACROSS {
@@ -285,7 +286,7 @@ impl Bench<'_> {
             }
             total += weight;
             for (f, sum) in frequencies.iter().zip(&mut sums) {
-                let shift = f * nm * 1e-6;
+                let shift = f * nm * 1e-6 / film_index;
                 if shift >= size {
                     continue;
                 }
@@ -360,6 +361,33 @@ fn correlation(pupil: &Pupil, shifted: &Pupil) -> [f64; 2] {
 mod tests {
     use super::*;
     use crate::analysis::test_lenses::parabola;
+    use crate::ray::{Apertures, TraceDirection, TracedRay};
+    use crate::system::{State, System};
+    use glam::DVec3;
+
+    #[test]
+    fn waves_are_shorter_and_light_is_denser_where_the_film_is_in_glass() {
+        // An ellipse is a perfect lens within glass: e = 1 / n, so that κ = -1 / n². NA = n sin u' = 0.2574 of the rim of 5 mm, 30 mm before the film.
+        let text = "name = \"x\"\nsurfaces = [{ stop = true, radius = 10, conic = -0.4444444444444444, gap = 30, glass = \"1.5\", semi_diameter = 5 }]";
+        let p = crate::prescription::read_toml(text, "x").unwrap();
+        let system = System::at(&p, State::default());
+        let bench = Bench::at_infinity(&system);
+        let marginal = {
+            let ray = TracedRay { position: DVec3::new(0.0, 5.0 * (1.0 - 1e-9), -1.0), direction: DVec3::Z };
+            let n = system.indices(550.0);
+            1.5 * system.trace(ray, &n, TraceDirection::ToFilm, Apertures::Clip).unwrap().direction.y.abs()
+        };
+        let cutoff = 2.0 * marginal / 550e-6;
+        let frequencies = [0.2 * cutoff, 0.427 * cutoff, 0.8 * cutoff];
+        let mtf = bench.diffraction_mtf(0.0, &[(550.0, 1.0)], &frequencies, 0.0).unwrap();
+        for (k, f) in frequencies.iter().enumerate() {
+            let exact = airy_mtf_of(f / cutoff);
+            assert!((mtf.tangential[k] - exact).abs() < 0.01, "{} {exact}", mtf.tangential[k]);
+        }
+        // E / L = π NA² for all light from a lossless pupil.
+        let light = bench.illumination(0.0, 550.0).geometric;
+        assert!((light / (std::f64::consts::PI * marginal * marginal) - 1.0).abs() < 2e-3, "{light}");
+    }
 
     #[test]
     fn a_perfect_lens_has_the_airy_mtf() {

@@ -143,13 +143,18 @@ impl Psf {
 }
 
 impl Bench<'_> {
+    /// In the medium of the film, mm.
+    fn wavelength_at_film(&self, nm: f64) -> f64 {
+        nm * 1e-6 / self.system.film_index(&self.system.indices(nm))
+    }
+
     /// Largest pixel (mm) in which diffraction images of a field point and wavelength can be computed: half a period of their highest
     /// frequency, λ / (2 · range of direction cosines). `beam_nm` is the wavelength of the chief ray. `None` where no light comes through.
     pub fn largest_psf_pixel(&self, field_deg: f64, nm: f64, beam_nm: f64) -> Option<f64> {
         let beam = self.beam(field_deg, beam_nm)?;
         let image = crate::trace::at_plane(&beam.image, self.system.film_z);
         let [low, high] = self.direction_cosines(&beam, beam_nm, image)?;
-        Some(0.5 * nm * 1e-6 / (high - low).max_element())
+        Some(0.5 * self.wavelength_at_film(nm) / (high - low).max_element())
     }
 
     /// The image of a field point (degrees) by its rays, in `side` pixels of `pixel` mm, `defocus` mm behind the film, about the chief ray of
@@ -181,7 +186,7 @@ impl Bench<'_> {
         let image = crate::trace::at_plane(&beam.image, film_z);
         let [low, high] = self.direction_cosines(&beam, beam_nm, image)?;
         let (middle, size) = (0.5 * (low + high), (high - low).max_element());
-        let wavelength = nm * 1e-6;
+        let wavelength = self.wavelength_at_film(nm);
         let pixel = pixel.min(0.5 * wavelength / size);
         let batch = Batch::new(self.system);
         let mut n = Indices::default();

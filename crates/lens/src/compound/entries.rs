@@ -89,7 +89,8 @@ impl CompoundLens {
             let mean = 0.25 * out.density[i].iter().sum::<f32>();
             if mean > 0.0 && mean.is_finite() && fractions[i].iter().any(|s| *s > 0.0) {
                 out.passed |= 1 << i;
-                out.weight[i] = fractions[i].map(|fraction| if fraction > 0.0 { fraction / mean } else { 0.0 });
+                out.weight[i] =
+                    fractions[i].map(|fraction| if fraction > 0.0 { self.film_gain as f32 * fraction / mean } else { 0.0 });
             }
         }
     }

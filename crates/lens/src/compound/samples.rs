@@ -201,7 +201,7 @@ impl CompoundLens {
             for i in 0..LANES {
                 if out.passed >> i & 1 == 1 {
                     density[i] = [density[i][0]; 4];
-                    out.weight[i] = [packet.fraction[i] / density[i][0]; 4];
+                    out.weight[i] = [self.film_gain as f32 * packet.fraction[i] / density[i][0]; 4];
                 }
             }
             return;
@@ -235,7 +235,7 @@ impl CompoundLens {
         for i in 0..LANES {
             let mean = 0.25 * (density[i][0] + density[i][1] + density[i][2] + density[i][3]);
             for k in 0..4 {
-                out.weight[i][k] = if fractions[i][k] > 0.0 { fractions[i][k] / mean } else { 0.0 };
+                out.weight[i][k] = if fractions[i][k] > 0.0 { self.film_gain as f32 * fractions[i][k] / mean } else { 0.0 };
             }
         }
     }
