@@ -70,7 +70,7 @@ impl Beam {
     pub fn ray(&self, at: DVec2) -> TracedRay {
         let offset = self.across[0] * at.x + self.across[1] * at.y;
         if self.finite {
-            let direction = (self.pupil + offset - self.chief.position).normalize();
+            let direction = (self.pupil + offset - self.chief.position).normalize() * self.towards_lens();
             return TracedRay { position: self.chief.position, direction };
         }
         TracedRay { position: self.chief.position + offset, direction: self.chief.direction }
@@ -84,8 +84,13 @@ impl Beam {
             }
             let towards = self.pupil + self.across[0] * at.x + self.across[1] * at.y - self.chief.position;
             let direction = towards.normalize();
-            [DVec3::ZERO, (across - direction * direction.dot(across)) / towards.length()]
+            [DVec3::ZERO, (across - direction * direction.dot(across)) * (self.towards_lens() / towards.length())]
         })
+    }
+
+    /// Along the light the pupil lies before the object, 1, or behind it, −1: in lenses that are telecentric on the object's side, or more.
+    fn towards_lens(&self) -> f64 {
+        (self.pupil - self.chief.position).dot(self.chief.direction).signum()
     }
 }
 

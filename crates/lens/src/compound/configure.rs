@@ -156,10 +156,15 @@ pub(super) fn configure_turned(
     let far = System::at(p, State { zoom, focus: 0.0 });
     let efl = focal_length_of(p, &far);
     if !(efl.abs() > 1e-3 && efl.abs() < 1e6) {
-        return range("lens", format!("\"{}\"", p.name), "a lens with a focal length: it has no power".into());
+        return range(
+            "lens",
+            format!("\"{}\"", p.name),
+            "a lens with a focal length: it is afocal (a telescope, a relay of two lenses), and what is far away has no image"
+                .into(),
+        );
     }
     if efl < 0.0 {
-        let expected = "a lens that makes a real image: its focal length is negative";
+        let expected = "a positive focal length: lenses whose image of what is far away is virtual (diverging ones) or upright (relays, Gregorians) are not taken";
         return range("lens", format!("\"{}\" ({efl:.2} mm)", p.name), expected.into());
     }
     let (widest, by_rims) = widest_f_number(p, &far, efl).ok_or_else(|| LensError::Setting {

@@ -21,6 +21,7 @@
 //! | PUI, PUX, PUY, TEL | left out, with a note |
 //! | curvature of SI | taken for plane, with a note |
 //! | solves of gaps and curvatures (THI HMY ...) | the figure of the surface's row stands, with a note |
+//! | TEM, PRE other than 20 °C and 1 atm | left out, with a note |
 //! | other solves, couplings, weights, tolerances, drawing, coatings (`HARMLESS`) | ignored: rays do not change |
 //! | after GO | commands that are not read are skipped, named in a note |
 //! | ZOO n, ZOO THI Sk ..., THI Sk Zi ... | gaps of zoom positions, or a near focus (configurations.rs) |
@@ -35,7 +36,7 @@ use self::syntax::{commands, is_qualifier, surface_number, words};
 use super::configurations::{Configurations, MOST as MOST_CONFIGURATIONS};
 use super::layout::{ahead, lay_out};
 use super::placed::Placed;
-use super::{Skipped, drop_dummies, stem};
+use super::{Skipped, drop_dummies, other_pressure, other_temperature, stem};
 use crate::aperture::Outline;
 use crate::glass::{C_NM, D_NM, F_NM, G_NM, Glass, parse_foreign};
 use crate::prescription::{ApertureKind, Prescription, PrescriptionError, Surface};
@@ -45,12 +46,12 @@ use std::collections::HashMap;
 
 /// Commands that do not change the lens: solves that have been solved, couplings, variables, tolerances, drawing, weights.
 const HARMLESS: &[&str] = &[
-    "LEN", "INI", "WTW", "WTF", "WTX", "WTY", "VUX", "VLX", "CUM", "THM", "PIM", "PIB", "PIK", "SLB", "DER", "VAL", "TEM", "PRE",
-    "CLS", "CWL", "CA", "CCY", "CCX", "CUC", "RDC", "THC", "GLC", "KC", "KXC", "KYC", "AC", "BC", "CC", "DC", "EC", "FC", "GC",
-    "HC", "JC", "ARC", "BRC", "CRC", "DRC", "APC", "BPC", "CPC", "DPC", "XDC", "YDC", "ZDC", "ADC", "BDC", "CDC", "XOC", "YOC",
-    "ZOC", "POL", "PFR", "SET", "EDI", "UNI", "AFC", "CRT", "CVY", "IMG", "WID", "RAY", "LIN", "SAV", "LIS", "FTY", "XFN", "PTP",
-    "MFL", "DSP", "CIN", "CIX", "GL1", "CTE", "COM", "DLT", "DLF", "DLR", "DLN", "DLX", "DLY", "DLZ", "DLA", "DLB", "DLG", "DLS",
-    "DLV", "DLC", "HCC", "HWC", "SCC", "BTX", "BTY", "CMP", "MNT", "MXT", "MNE", "MXE",
+    "LEN", "INI", "WTW", "WTF", "WTX", "WTY", "VUX", "VLX", "CUM", "THM", "PIM", "PIB", "PIK", "SLB", "DER", "VAL", "CLS", "CWL",
+    "CA", "CCY", "CCX", "CUC", "RDC", "THC", "GLC", "KC", "KXC", "KYC", "AC", "BC", "CC", "DC", "EC", "FC", "GC", "HC", "JC",
+    "ARC", "BRC", "CRC", "DRC", "APC", "BPC", "CPC", "DPC", "XDC", "YDC", "ZDC", "ADC", "BDC", "CDC", "XOC", "YOC", "ZOC", "POL",
+    "PFR", "SET", "EDI", "UNI", "AFC", "CRT", "CVY", "IMG", "WID", "RAY", "LIN", "SAV", "LIS", "FTY", "XFN", "PTP", "MFL", "DSP",
+    "CIN", "CIX", "GL1", "CTE", "COM", "DLT", "DLF", "DLR", "DLN", "DLX", "DLY", "DLZ", "DLA", "DLB", "DLG", "DLS", "DLV", "DLC",
+    "HCC", "HWC", "SCC", "BTX", "BTY", "CMP", "MNT", "MXT", "MNE", "MXE",
 ];
 /// Solves of a gap or a curvature by the height, slope or incidence of the marginal or the chief ray, and of the paraxial image; CODE V writes the
 /// figure it has found in the surface's own row.
@@ -210,6 +211,15 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 }
             }
             "PUI" | "PUX" | "PUY" => note(&mut p, "the pupil's apodisation (PUI, PUX, PUY) is left out"),
+            "TEM" | "PRE" => {
+                // °C, and millimetres of mercury.
+                let value = rest.first().map(|w| number_of(w, &key)).transpose()?;
+                let other =
+                    if key == "TEM" { value.and_then(other_temperature) } else { value.and_then(|v| other_pressure(v / 760.0)) };
+                if let Some(text) = other {
+                    note(&mut p, &text);
+                }
+            }
             "TEL" => note(&mut p, "TEL is left out: the stop alone says which rays pass"),
             "VUY" => upper = numbers(),
             "VLY" => lower = numbers(),

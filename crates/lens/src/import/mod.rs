@@ -73,6 +73,18 @@ pub fn read(bytes: &[u8], format: Format, file: &str) -> Result<Prescription, Pr
     }
 }
 
+/// A note on a temperature, °C, that is not that of the glass catalogues.
+fn other_temperature(celsius: f64) -> Option<String> {
+    let note = || format!("a temperature of {celsius} °C is not taken over: indices and lengths are those at 20 °C");
+    ((celsius - 20.0).abs() > 0.1).then(note)
+}
+
+/// A note on a pressure of the air, atm, that is not that of the glass catalogues.
+fn other_pressure(atm: f64) -> Option<String> {
+    let note = || format!("a pressure of {atm:.3} atm is not taken over: indices are those in air of 1 atm");
+    ((atm - 1.0).abs() > 1e-3).then(note)
+}
+
 /// UTF-8, UTF-16 with a byte-order mark (or without one, as Zemax sometimes writes), else Latin-1.
 fn text(bytes: &[u8], file: &str) -> Result<String, PrescriptionError> {
     let utf16 = |bytes: &[u8], little: bool| {

@@ -21,13 +21,14 @@
 //! | TLA, TLB, TLC other than 0, BEN | error: their sign is not known from a file with stated rays |
 //! | PK RD, CV, TH, GLA, AP, CC with a relative surface number, CVM, THM (negative) | followed |
 //! | PY, PU, PUC, PYC and other solves | the figure of the file stands; with TH or RD missing after PY or PU: solved paraxially |
+//! | TEM, PRE other than 20 °C and 1 atm | left out, with a note |
 //! | DES, SNO, drawing, coatings, tolerances (`HARMLESS`) | ignored |
 //! | ASP of other kinds, GC, RCO n, gradients, gratings, diffractive surfaces, LMO, special apertures | error |
 //! | all others | skipped, named in a note |
 
 use super::layout::{ahead, lay_out};
 use super::placed::Placed;
-use super::{Skipped, drop_dummies, stem};
+use super::{Skipped, drop_dummies, other_pressure, other_temperature, stem};
 use crate::glass::{Glass, parse_foreign};
 use crate::prescription::{ApertureKind, MOST_SURFACES, Prescription, PrescriptionError, Surface};
 use crate::surface::Profile;
@@ -35,9 +36,9 @@ use glam::{DAffine3, DVec3};
 
 /// Commands that do not change rays.
 const HARMLESS: &[&str] = &[
-    "DES", "CALLBACK", "GPRT", "WW", "APCK", "PRE", "TEM", "TCE", "DLRS", "DLVA", "DLAS", "DLNR", "DLNF", "DLMF", "DLFD", "DRW",
-    "SDSZ", "DLAP", "AFO", "WRSP", "RAIM", "AMO", "OPDW", "SPWV", "CBK", "COTN", "COA", "DRE", "ZRS", "NOT", "SAS", "IMS", "ITE",
-    "PXT", "NDP", "TEN", "DSP", "SVA", "GIB", "WAP", "PYC", "PUC", "PIC", "PI", "EC", "PLAN", "CMT", "ELE", "AFP", "AFC", "POLZ",
+    "DES", "CALLBACK", "GPRT", "WW", "APCK", "TCE", "DLRS", "DLVA", "DLAS", "DLNR", "DLNF", "DLMF", "DLFD", "DRW", "SDSZ",
+    "DLAP", "AFO", "WRSP", "RAIM", "AMO", "OPDW", "SPWV", "CBK", "COTN", "COA", "DRE", "ZRS", "NOT", "SAS", "IMS", "ITE", "PXT",
+    "NDP", "TEN", "DSP", "SVA", "GIB", "WAP", "PYC", "PUC", "PIC", "PI", "EC", "PLAN", "CMT", "ELE", "AFP", "AFC", "POLZ",
     "SASD", "EVZ", "XARM", "SSC",
 ];
 
@@ -233,6 +234,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                     rest.join(" ")
                 )));
             }
+            "TEM" => p.notes.extend(other_temperature(figure(0)?)),
+            "PRE" => p.notes.extend(other_pressure(figure(0)?)),
             other if HARMLESS.contains(&other) || other.starts_with("SNO") => {}
             other => skipped.add(other),
         }

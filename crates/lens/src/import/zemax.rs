@@ -23,13 +23,14 @@
 //! | CRVT, GLSS, ... (`OPERANDS`) of configurations | the current one stands; with a note |
 //! | COAT AR, MGF2; HEAR1, HEAR2 | a quarter wave of MgF₂; the broadband recipe (the layers stand in another file), with a note; those of mirrors and of other names: left out, with a note |
 //! | curved image surface | taken for plane, with a note |
+//! | ENVD other than 20 °C and 1 atm, where indices follow it | left out, with a note |
 //! | solves, pickups, tolerances, drawing, weights, ray aiming (`HARMLESS`, `HARMLESS_HEAD`) | ignored: rays do not change |
 //! | all others | skipped, named in a note |
 
 use super::configurations::{Configurations, MOST as MOST_CONFIGURATIONS};
 use super::layout::{ahead, lay_out, moved_then_turned, turned_then_moved};
 use super::placed::Placed;
-use super::{Skipped, drop_dummies, stem};
+use super::{Skipped, drop_dummies, other_pressure, other_temperature, stem};
 use crate::analysis::zernike::Numbering;
 use crate::aperture::{Aperture, MOST_ARMS, Outline};
 use crate::coating::{Coating, DESIGN_NM, Recipe};
@@ -58,10 +59,10 @@ const HARMLESS: &[&str] = &[
 ];
 /// Keywords of the head that do not change the lens.
 const HARMLESS_HEAD: &[&str] = &[
-    "VERS", "NOTE", "PFIL", "LANG", "ENVD", "GFAC", "RAIM", "PUSH", "SDMA", "ROPD", "PICB", "FWGN", "VDXN", "VDYN", "VCXN",
-    "VANN", "POLS", "GLRS", "GSTD", "NSCD", "COFN", "COFP", "FCOM", "FTYP", "WWGT", "WWGN", "ZVDX", "ZVDY", "ZVCX", "ZVAN",
-    "ZVCY", "FWGT", "VCXN", "RSCE", "RWRE", "CMSG", "EFFL", "TOL", "MNUM", "MOFF", "WAVN", "SWCN", "PUPD", "PUPZ", "EYES",
-    "GRPH", "TCMM", "TCED", "MCED", "MEID", "BLNK", "AUTH", "PSEQ", "NSCS", "IMAG", "ZCUS", "REAY", "EFLY", "LOPT", "ISNA",
+    "VERS", "NOTE", "PFIL", "LANG", "GFAC", "RAIM", "PUSH", "SDMA", "ROPD", "PICB", "FWGN", "VDXN", "VDYN", "VCXN", "VANN",
+    "POLS", "GLRS", "GSTD", "NSCD", "COFN", "COFP", "FCOM", "FTYP", "WWGT", "WWGN", "ZVDX", "ZVDY", "ZVCX", "ZVAN", "ZVCY",
+    "FWGT", "VCXN", "RSCE", "RWRE", "CMSG", "EFFL", "TOL", "MNUM", "MOFF", "WAVN", "SWCN", "PUPD", "PUPZ", "EYES", "GRPH",
+    "TCMM", "TCED", "MCED", "MEID", "BLNK", "AUTH", "PSEQ", "NSCS", "IMAG", "ZCUS", "REAY", "EFLY", "LOPT", "ISNA",
 ];
 
 /// Operands of configurations other than THIC.
@@ -270,6 +271,11 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 }
                 "WAVL" => waves_in_a_line = (0..rest.len()).map(&value).collect::<Result<_, _>>()?,
                 "PWAV" => primary = value(0)? as usize,
+                // Whether indices follow temperature and pressure stands behind them.
+                "ENVD" if rest.get(2) == Some(&"1") => {
+                    notes.extend(other_temperature(value(0)?).into_iter().chain(other_pressure(value(1)?)))
+                }
+                "ENVD" => {}
                 "GCAT" => vendors = rest.iter().map(|v| v.to_lowercase()).collect(),
                 other if HARMLESS_HEAD.contains(&other) => {}
                 other => skipped.add(other),
