@@ -47,7 +47,7 @@ impl Compensators {
         let count = p.surfaces.len();
         let mut all: Vec<Parameter> = vec![];
         let mut push = |change: Change, half_range: f64, line: usize| {
-            let found = Parameter { change, half_range, distribution: Distribution::Uniform };
+            let found = Parameter { change, half_range, distribution: Distribution::Uniform, part: None };
             let wrong = |what: String| Err(PrescriptionError::at(file, line, what));
             if !(half_range > 0.0) {
                 return wrong(format!("compensator {}: by 0, expected how far it may move", found.name()));
@@ -211,10 +211,10 @@ mod tests {
             assert!((s.mean - t.nominal()[i]).abs() < 3.0 * predicted[i] / (BUILDS as f64).sqrt(), "{}: {s:?}", q.name());
         }
         // The lens of a build is adjusted: written and read, nothing is left to adjust.
-        let lens = t.build(3).unwrap();
+        let lens = t.build(4).unwrap();
         assert!(lens.notes.iter().any(|n| n.contains("decentre of element 7-9 in y adjusted by")), "{:?}", lens.notes);
         let again = t.measure(&read_toml(&lens.to_toml(), "build.toml").unwrap());
-        for (q, (v, w)) in t.quantities().iter().zip(again.iter().zip(&builds[3])) {
+        for (q, (v, w)) in t.quantities().iter().zip(again.iter().zip(&builds[4])) {
             match q.kind {
                 QuantityKind::Compensator => assert!(v.abs() < 1e-5 && w.abs() > 1e-4, "{}: {v} {w}", q.name()),
                 QuantityKind::Refocus => assert!(v.abs() < 1e-5, "{v}"),

@@ -205,7 +205,16 @@ impl Toleranced {
 
     /// Amounts of all perturbations of a build, in their units: pure functions of seed, number and place in the sheet.
     pub fn amounts(&self, build: u64) -> Vec<f64> {
-        let draw = |(i, p): (usize, &Parameter)| p.half_range * p.distribution.draw(key(&[self.seed, build, i as u64]));
+        let key_of = |i: usize| key(&[self.seed, build, i as u64]);
+        // Both parts of an error by the key of the first.
+        let draw = |(i, p): (usize, &Parameter)| {
+            let drawn = match p.part {
+                None => p.distribution.draw(key_of(i)),
+                Some(Axis::X) => p.distribution.draw_parts(key_of(i))[0],
+                Some(Axis::Y) => p.distribution.draw_parts(key_of(i - 1))[1],
+            };
+            p.half_range * drawn
+        };
         self.parameters.iter().enumerate().map(draw).collect()
     }
 
@@ -255,7 +264,7 @@ impl Toleranced {
     pub fn root_sum_square(&self, sensitivities: &[Sensitivity]) -> Vec<f64> {
         let each = |q: usize| {
             let terms = sensitivities.iter().zip(&self.parameters);
-            terms.map(|(s, p)| (0.5 * (s.plus[q] - s.minus[q]) * p.distribution.deviation()).powi(2)).sum::<f64>().sqrt()
+            terms.map(|(s, p)| (0.5 * (s.plus[q] - s.minus[q]) * p.deviation()).powi(2)).sum::<f64>().sqrt()
         };
         (0..self.quantities().len()).map(each).collect()
     }
@@ -266,10 +275,7 @@ impl Toleranced {
         let each = |q: usize| {
             let nominal = self.nominal[q];
             let terms = sensitivities.iter().zip(&self.parameters);
-            nominal
-                + terms
-                    .map(|(s, p)| 0.5 * (s.plus[q] + s.minus[q] - 2.0 * nominal) * p.distribution.deviation().powi(2))
-                    .sum::<f64>()
+            nominal + terms.map(|(s, p)| 0.5 * (s.plus[q] + s.minus[q] - 2.0 * nominal) * p.deviation().powi(2)).sum::<f64>()
         };
         (0..self.quantities().len()).map(each).collect()
     }

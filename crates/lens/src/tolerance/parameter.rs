@@ -106,6 +106,28 @@ impl Distribution {
         }
     }
 
+    /// The same of each of two parts of an error whose size has the tolerance and whose direction may be any.
+    fn deviation_of_part(self) -> f64 {
+        match self {
+            // Over a disk.
+            Distribution::Uniform => 0.5,
+            // Of both parts together σ² (2 − 4 e⁻² / (1 − e⁻²)), a Rayleigh distribution cut at 2 σ, with σ = 1/2.
+            Distribution::Normal => 0.5 * (1.0 - 2.0 / (2f64.exp() - 1.0)).sqrt(),
+            Distribution::Ends => 0.5f64.sqrt(),
+        }
+    }
+
+    /// A draw of both parts of an error, a pure function of a key: a vector no longer than 1.
+    pub(super) fn draw_parts(self, key: u64) -> [f64; 2] {
+        let (u, turn) = (uniform(key, 0), std::f64::consts::TAU * uniform(key, 1));
+        let size = match self {
+            Distribution::Uniform => u.sqrt(),
+            Distribution::Normal => (-0.5 * (1.0 - u * (1.0 - (-2f64).exp())).ln()).sqrt(),
+            Distribution::Ends => 1.0,
+        };
+        [size * turn.cos(), size * turn.sin()]
+    }
+
     /// A draw from −1 to 1, a pure function of a key.
     pub fn draw(self, key: u64) -> f64 {
         match self {
@@ -157,6 +179,9 @@ pub struct Parameter {
     pub half_range: f64,
     /// How it is distributed.
     pub distribution: Distribution,
+    /// Which of two parts of one error it is, about x or along x first, where the tolerance limits the error in whatever direction: the other part is the parameter
+    /// behind it or before it.
+    pub part: Option<Axis>,
 }
 
 impl Change {
@@ -190,6 +215,11 @@ impl Change {
 }
 
 impl Parameter {
+    /// Standard deviation over builds, over the tolerance.
+    pub fn deviation(&self) -> f64 {
+        if self.part.is_some() { self.distribution.deviation_of_part() } else { self.distribution.deviation() }
+    }
+
     /// What it is called: "radius of surface 3".
     pub fn name(&self) -> String {
         self.change.name()
@@ -350,6 +380,23 @@ pub(super) fn perturbed(p: &Prescription, parameters: &[Parameter], amounts: &[f
 mod tests {
     use super::*;
     use crate::embedded;
+
+    #[test]
+    fn two_parts_of_an_error_are_together_within_the_tolerance() {
+        for distribution in [Distribution::Uniform, Distribution::Normal, Distribution::Ends] {
+            const COUNT: usize = 20_000;
+            let draws: Vec<[f64; 2]> = (0..COUNT as u64).map(|i| distribution.draw_parts(key(&[8, i]))).collect();
+            let largest = draws.iter().map(|[x, y]| x.hypot(*y)).fold(0.0, f64::max);
+            assert!(largest < 1.0 + 1e-12 && largest > 0.99, "{distribution:?} {largest}");
+            let expected = distribution.deviation_of_part();
+            for part in 0..2 {
+                let mean = draws.iter().map(|d| d[part]).sum::<f64>() / COUNT as f64;
+                let deviation = (draws.iter().map(|d| d[part] * d[part]).sum::<f64>() / COUNT as f64).sqrt();
+                let error = 4.0 * expected / (COUNT as f64).sqrt();
+                assert!(mean.abs() < error && (deviation - expected).abs() < error, "{distribution:?} {mean} {deviation}");
+            }
+        }
+    }
 
     #[test]
     fn draws_have_the_stated_deviation_and_stay_within_the_tolerance() {
