@@ -4,10 +4,12 @@
 //! that its noise profile gives for the light found (two rounds). Pixels near saturation say nothing, unless no picture holds more.
 //! Source: Granados et al. 2010, "Optimal HDR Reconstruction with Linear Digital Cameras" (CVPR). Pictures are not aligned.
 //!
-//! The result is a mosaic of 16 bits whose white is the saturation of the shortest exposure: one step is 1/64 512 of that. Over series
-//! of more than about ten stops, steps become coarser than the noise of the longest exposure.
+//! The result is a mosaic of 16 bits whose white is the saturation of the shortest exposure: one step is 1/64 512 of that. Over long series steps are coarser than
+//! the noise of the longest exposure: numbers are rounded up or down by chance, so that means stay what they are (non-subtractive dither, Lipshitz, Wannamaker &
+//! Vanderkooy 1992), and the noise profile says what that costs.
 
 use diopter_image::{Raster, RawImage};
+use diopter_light::random::{mix, to_unit};
 
 /// Fraction of the range above which a pixel counts as full.
 const FULL: f32 = 0.95;
@@ -39,6 +41,13 @@ pub fn exposure(raw: &RawImage) -> f64 {
     time * f.iso.max(1.0) / (stop * stop) * (-f.nd_stops).exp2()
 }
 
+/// How many EV more range the merged picture has than the best of its pictures, from the noise of no light to saturation, by their noise profiles; `None` where one has none.
+pub fn extra_range_ev(raws: &[RawImage], merged: &RawImage) -> Option<f64> {
+    let floor = |raw: &RawImage| raw.header.noise.iter().map(|noise| noise[1]).reduce(f64::max).filter(|v| *v > 0.0);
+    let best = raws.iter().map(floor).collect::<Option<Vec<f64>>>()?.into_iter().reduce(f64::min)?;
+    Some(0.5 * (best / floor(merged)?).log2())
+}
+
 /// How much longer than the mean a pixel was open: rows of a shutter with a reset of all at once are not open for the same time.
 fn share_of_time(raw: &RawImage, column: usize, row: usize) -> f64 {
     let Some(s) = raw.header.facts.shutter.as_ref().filter(|s| s.effective_s > 0.0 && s.kind == "rolling") else { return 1.0 };
@@ -55,7 +64,8 @@ fn noise_of_mean(parts: impl Iterator<Item = (f32, [f32; 2])>) -> [f64; 2] {
         shot += 1.0 / (scale * f64::from(a));
         read += 1.0 / (scale * scale * f64::from(b));
     }
-    let rounding = ((WHITE - BLACK) * (WHITE - BLACK) * 12.0).recip();
+    // Mean over all places between two steps.
+    let rounding = ((WHITE - BLACK) * (WHITE - BLACK) * 6.0).recip();
     [shot.recip(), read.recip() + rounding]
 }
 
@@ -125,7 +135,8 @@ pub fn merge(raws: &[RawImage]) -> Result<RawImage, HdrError> {
             }
             light = sum / total;
         }
-        *to = (BLACK + f64::from(light) * (WHITE - BLACK)).round().clamp(0.0, WHITE) as u16;
+        let chance = f64::from(to_unit(mix(mix(i as u32 ^ 0x51ab_3c17))));
+        *to = (BLACK + f64::from(light) * (WHITE - BLACK) + chance).floor().clamp(0.0, WHITE) as u16;
     }
     let mut header = middle.header.clone();
     header.noise = (0..channels).map(|c| noise_of_mean(parts.iter().map(|(scale, noise)| (*scale, noise[c])))).collect();
@@ -162,6 +173,24 @@ mod tests {
             raw.mosaic.data.iter().map(|d| (f64::from(*d) - h.black_level) / (h.white_level - h.black_level)).collect();
         let mean = v.iter().sum::<f64>() / v.len() as f64;
         (mean, v.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / v.len() as f64)
+    }
+
+    #[test]
+    fn shadows_between_two_steps_keep_their_mean_and_the_range_is_that_of_the_noise() {
+        let sensor = Sensor::named("nikon-d850").unwrap();
+        // Eight stops: one step is many electrons of the longest.
+        let raws = series(&sensor, 300.0, &[0.001, 0.016, 0.256]);
+        let merged = merge(&raws).unwrap();
+        let (mean, variance) = statistics(&merged);
+        let (longest, _) = statistics(&raws[2]);
+        let expected = longest / 256.0;
+        let steps = 1.0 / (WHITE - BLACK);
+        assert!(expected < 3.0 * steps && (mean / expected - 1.0).abs() < 0.02, "{mean} {expected}");
+        let [shot, read] = merged.header.noise[1];
+        // Of rounding at most 1/4 step², on the mean 1/6.
+        assert!(variance < 1.6 * (shot * mean + read), "{variance} {shot} {read}");
+        let gained = extra_range_ev(&raws, &merged).unwrap();
+        assert!((2.0..6.0).contains(&gained), "{gained}");
     }
 
     #[test]

@@ -122,9 +122,9 @@ pub struct Merge {
     /// Focal planes (.exr), or raw files of an exposure series (.dng).
     #[arg(required = true)]
     pub parts: Vec<PathBuf>,
-    /// Of focal planes: the plane to write (.exr). Of raw files: linear light (.exr), a raw file (.dng) or a picture.
-    #[arg(short, long, value_name = "FILE")]
-    pub output: PathBuf,
+    /// Of focal planes: the plane to write (.exr). Of raw files: linear light (.exr), a raw file (.dng) or a picture; may be given several times.
+    #[arg(short, long, value_name = "FILE", required = true)]
+    pub output: Vec<PathBuf>,
 }
 
 #[derive(clap::Args, Debug)]

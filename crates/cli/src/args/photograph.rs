@@ -131,12 +131,12 @@ pub struct Shoot {
     /// Series and films.
     #[command(flatten)]
     pub sequence: SequenceSection,
-    /// Join the series: linear light (.exr), a raw file (.dng) or a picture.
+    /// Join the series: linear light (.exr), a raw file (.dng) or a picture; may be given several times.
     #[arg(long, value_name = "FILE", help_heading = "Output")]
-    pub merge: Option<PathBuf>,
-    /// Join the focus series into one picture that is sharp all over.
+    pub merge: Vec<PathBuf>,
+    /// Join the focus series into one picture that is sharp all over; may be given several times.
     #[arg(long, value_name = "FILE", help_heading = "Output")]
-    pub stack: Option<PathBuf>,
+    pub stack: Vec<PathBuf>,
     /// What autofocus saw, as a plot (.svg or .png).
     #[arg(long, value_name = "FILE", help_heading = "Focus")]
     pub plot_focus: Option<PathBuf>,

@@ -15,7 +15,7 @@ use std::path::Path;
 
 /// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
-    output::distinct(args.parts.iter().map(|p| p.as_path()), [args.output.as_path()])?;
+    output::distinct(args.parts.iter().map(|p| p.as_path()), args.output.iter().map(|p| p.as_path()))?;
     let raws = args.parts.iter().filter(|p| matches!(output::kind(p), Ok(Kind::Dng))).count();
     if raws == args.parts.len() {
         return series(args, json);
@@ -27,7 +27,10 @@ pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
         ))
         .into());
     }
-    let output = output::prepare_exr(&args.output)?;
+    let [output] = args.output.as_slice() else {
+        return Err(UsageError(anyhow!("{} outputs of focal planes: expected one, of all parts", args.output.len())).into());
+    };
+    let output = output::prepare_exr(output)?;
     let parts = args.parts.iter().map(|p| PlaneFile::open(p)).collect::<anyhow::Result<Vec<_>>>()?;
     let mut whole = Merged::new(parts).map_err(|e| UsageError(e.into()))?;
     let path = output::write_strips(output, &mut whole)?;
@@ -51,20 +54,15 @@ fn series(args: &Merge, json: bool) -> anyhow::Result<()> {
             );
         }
     }
-    let outputs = output::prepare_pictures(std::slice::from_ref(&args.output))?;
+    let outputs = output::prepare_pictures(&args.output)?;
     let raws: Vec<RawImage> = args.parts.iter().map(|p| read_raw(p)).collect::<anyhow::Result<_>>()?;
     let merged = hdr::merge(&raws).map_err(|e| UsageError(e.into()))?;
     let written = output::write_pictures(outputs, &merged, None, &Recipe::default(), None, Format::default())?;
-    say(&format!("{} pictures, {:.1} EV more range than one", raws.len(), extra_range(&raws)));
+    let range = hdr::extra_range_ev(&raws, &merged).map_or(String::new(), |ev| format!(", {ev:.1} EV more range than one"));
+    say(&format!("{} pictures{range}", raws.len()));
     written.iter().for_each(|p| say(&format!("wrote {}", p.display())));
     if json {
         print_json(&serde_json::json!({ "files": written, "facts": merged.header.facts, "pictures": raws.len() }))?;
     }
     Ok(())
-}
-
-/// EV between the longest and the shortest exposure.
-fn extra_range(raws: &[RawImage]) -> f64 {
-    let exposures = || raws.iter().map(hdr::exposure);
-    (exposures().fold(0.0, f64::max) / exposures().fold(f64::INFINITY, f64::min)).log2()
 }

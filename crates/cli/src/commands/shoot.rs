@@ -54,21 +54,26 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     if !args.sheet.is_empty() {
         return super::sheet::of_shot(args, file, json);
     }
+    // The parser does not ask for a sheet where an output excludes it.
+    if !args.vary.is_empty() {
+        let wrong = anyhow!("--vary without --sheet: expected a contact sheet beside it, such as --sheet sheet.png, and no -o");
+        return Err(UsageError(wrong).into());
+    }
     file.output.files.override_with(args.output.clone());
     // A series that is only wanted joined leaves no single pictures.
-    if file.output.files.is_empty() && args.merge.is_none() && args.stack.is_none() {
+    if file.output.files.is_empty() && args.merge.is_empty() && args.stack.is_empty() {
         file.output.files.push(PathBuf::from("photo.jpg"));
     }
     file.sequence.override_with(args.sequence.clone());
     file.camera.dual_pixel.override_with(args.dual_pixel);
     let sequence = Sequence::new(&mut file)?;
-    if args.merge.is_some() && !sequence.is_mergeable() {
+    if !args.merge.is_empty() && !sequence.is_mergeable() {
         return Err(UsageError(anyhow!(
             "--merge joins an exposure series: expected --bracket or --staggered beside it, such as --bracket 5 --step 1ev"
         ))
         .into());
     }
-    if args.stack.is_some() && !matches!(sequence, Sequence::Focus { count: 2.., .. }) {
+    if !args.stack.is_empty() && !matches!(sequence, Sequence::Focus { count: 2.., .. }) {
         return Err(UsageError(anyhow!(
             "--stack joins a focus series: expected --focus-bracket of two or more beside it, such as --focus-bracket 7"
         ))
@@ -107,10 +112,10 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     // The first proves that the others can be written; thousands are not opened at once.
     let mut ready = Some(prepare(0)?);
     // A picture that is only joined or looked at has no file of its own: its checkpoint takes the name of what it goes into.
-    let main = pictures.first().or(args.keep_plane.as_ref()).or(args.merge.as_ref()).or(args.stack.as_ref());
+    let main = pictures.first().or(args.keep_plane.as_ref()).or(args.merge.first()).or(args.stack.first());
     let kept_beside: Vec<PathBuf> = main.map(named).unwrap_or_default();
-    let merged_file = args.merge.as_ref().map(|p| output::prepare_pictures(std::slice::from_ref(p))).transpose()?;
-    let stacked_file = args.stack.as_ref().map(|p| stack::prepare(std::slice::from_ref(p))).transpose()?;
+    let merged_file = (!args.merge.is_empty()).then(|| output::prepare_pictures(&args.merge)).transpose()?;
+    let stacked_file = (!args.stack.is_empty()).then(|| stack::prepare(&args.stack)).transpose()?;
     let plot_file = args.plot_focus.as_ref().map(|p| paint::prepare(std::slice::from_ref(p))).transpose()?;
     let shot_file = args.save_shot.as_deref().map(Output::prepare).transpose()?;
     let calibration_files = calibrations.iter().map(|p| Output::prepare(p)).collect::<anyhow::Result<Vec<_>>>()?;

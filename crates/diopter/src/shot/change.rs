@@ -198,7 +198,7 @@ impl Shot {
         self.diffraction = super::asked::diffraction(&file.render);
         (self.recipe, self.lut) = (file.develop.clone(), lut);
         self.ambient_ev = file.scene.ambient_ev;
-        (self.begun, self.microlens_compensation_ev, self.denoising_s) = (Instant::now(), 0.0, None);
+        (self.begun, self.baseline_ev, self.denoising_s) = (Instant::now(), 0.0, None);
         (self.sensor, self.settings, self.exposing, self.focusing) = (sensor, settings, exposing, focusing);
         (self.timing, self.light_settled) = (timing, light_settled);
         self.stabiliser = stabiliser;

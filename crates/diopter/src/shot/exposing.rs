@@ -10,6 +10,8 @@ use std::ops::RangeInclusive;
 
 /// Compensation and filters that are taken for meant.
 const COMPENSATION_EV: RangeInclusive<f64> = -20.0..=20.0;
+/// Brightening that raw files can say, EV.
+const BASELINE_EV: std::ops::RangeInclusive<f64> = -10.0..=10.0;
 
 const FILTER_STOPS: RangeInclusive<f64> = 0.0..=40.0;
 
@@ -23,6 +25,8 @@ pub(super) struct Exposing {
     pub pattern: Pattern,
     pub at: [f64; 2],
     pub compensation_ev: f64,
+    /// By which pictures are brightened when they are developed, where that is asked for.
+    pub baseline_ev: Option<f64>,
     pub nd_stops: f64,
     /// Automatic ISO: its limits.
     pub auto_iso: Option<[f64; 2]>,
@@ -64,6 +68,10 @@ impl Exposing {
         if !COMPENSATION_EV.contains(&compensation_ev) {
             return Err(value("compensation", compensation_ev, "-20 to 20 EV"));
         }
+        let baseline_ev = e.baseline.map(|b| b.0);
+        if let Some(bad) = baseline_ev.filter(|ev| !BASELINE_EV.contains(ev)) {
+            return Err(value("baseline", bad, "-10 to 10 EV"));
+        }
         let nd_stops = e.nd.map_or(0.0, |n| n.0);
         if !FILTER_STOPS.contains(&nd_stops) {
             return Err(value("nd", nd_stops, "a filter of 0 to 40 stops, such as ND8 or \"3 stops\""));
@@ -104,6 +112,6 @@ impl Exposing {
             ),
         };
         let dials = e.mode.is_some();
-        Ok(Exposing { mode, pattern, at, compensation_ev, nd_stops, auto_iso, dials, slowest_s, step })
+        Ok(Exposing { mode, pattern, at, compensation_ev, baseline_ev, nd_stops, auto_iso, dials, slowest_s, step })
     }
 }

@@ -77,9 +77,9 @@ impl Shot {
         let e = self.exposing.clone();
         let chosen_by_camera = self.chooses_exposure();
         // Behind microlenses the light is gathered on a part of the pixels: they must not be blown, and are brightened when developed.
-        self.microlens_compensation_ev = if chosen_by_camera { self.gathered_ev() } else { 0.0 };
+        self.baseline_ev = e.baseline_ev.unwrap_or(if chosen_by_camera { self.gathered_ev() } else { 0.0 });
         // Without any light any exposure will do.
-        let ev100 = metered.unwrap_or(0.0) - e.compensation_ev + self.microlens_compensation_ev;
+        let ev100 = metered.unwrap_or(0.0) - e.compensation_ev + self.baseline_ev;
         if chosen_by_camera {
             let (limits, set) = (self.limits(), self.set());
             let chosen = program::choose(e.mode, ev100, set, &limits);

@@ -74,7 +74,7 @@ use timing::Timing;
 /// Most pixels a side of a picture.
 pub const LARGEST_SIDE: usize = 65_535;
 const DEFAULT_SPP: u32 = 64;
-const DEFAULT_SEED: u64 = 1;
+pub(crate) const DEFAULT_SEED: u64 = 1;
 const DEFAULT_SCENE: &str = "still-life";
 const DEFAULT_BODY: &str = "canon-5d-mark-iv";
 
@@ -136,8 +136,8 @@ pub struct Shot {
     ambient_ev: Option<f64>,
     exposing: Exposing,
     focusing: Focusing,
-    /// What the camera exposes less because of microlenses, EV.
-    microlens_compensation_ev: f64,
+    /// By which pictures are brightened when they are developed, EV.
+    baseline_ev: f64,
     /// Whether the light of a scene without a scale has got one.
     light_settled: bool,
     /// Lamps, sky or ground of the scene were placed by where the camera stands.
@@ -268,7 +268,7 @@ impl Shot {
             draft: inputs.draft,
             exposing,
             focusing,
-            microlens_compensation_ev: 0.0,
+            baseline_ev: 0.0,
             light_settled: false,
             lights_follow_camera,
             denoising_s: None,

@@ -83,6 +83,9 @@ impl Shot {
         }
         let e = &mut file.exposure;
         e.compensation.get_or_insert(Ev(self.exposing.compensation_ev));
+        if self.baseline_ev != 0.0 {
+            e.baseline.get_or_insert(Ev(self.baseline_ev));
+        }
         e.metering.get_or_insert_with(|| self.exposing.pattern.name().into());
         e.white.get_or_insert_with(|| self.reading.white.clone());
         e.temperature_c.get_or_insert(self.sensor.temperature_c);

@@ -277,7 +277,7 @@ impl Shot {
     pub fn read_out(&self, plane: &FocalPlane) -> Result<RawImage, ShotError> {
         let mut raw = read_out(plane, &self.sensor, &self.reading, &white_point(&self.reading.white)?)?;
         raw.header.facts.date.clone_from(&self.date);
-        raw.header.baseline_ev += self.microlens_compensation_ev;
+        raw.header.baseline_ev += self.baseline_ev;
         if self.settings.half.is_some() {
             // Half of the light: developed as bright as whole pixels.
             raw.header.baseline_ev += 1.0;

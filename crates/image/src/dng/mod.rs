@@ -139,7 +139,7 @@ mod tests {
                 } else {
                     vec![calibration(LightSource::A, 0.5), calibration(LightSource::D65, 0.25)]
                 },
-                baseline_ev: 0.0,
+                baseline_ev: 1.25,
                 framing: Default::default(),
                 opcodes: vec![],
                 warnings: vec![],
@@ -187,6 +187,7 @@ mod tests {
                     assert_eq!(back.header.cfa, raw.header.cfa);
                     assert!(back.size() == [width, height] && back.header.warnings.is_empty());
                     assert_eq!(back.header.facts, raw.header.facts);
+                    assert!((back.header.baseline_ev - raw.header.baseline_ev).abs() < 1e-6);
                     let close = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6 * (1.0 + b.abs()));
                     assert!(close(&back.header.as_shot_neutral, &raw.header.as_shot_neutral));
                     assert!(close(&[back.header.black_level, back.header.white_level], &[16.5, raw.header.white_level]));

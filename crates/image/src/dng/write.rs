@@ -258,7 +258,7 @@ fn color_fields(header: &RawHeader) -> Vec<(u16, Field)> {
         (tag::DNG_VERSION, Field::Bytes(vec![1, 6, 0, 0])),
         (tag::DNG_BACKWARD_VERSION, Field::Bytes(vec![1, 4, 0, 0])),
         (tag::UNIQUE_CAMERA_MODEL, Field::text(model)),
-        (tag::BASELINE_EXPOSURE, Field::srational(0.0)),
+        (tag::BASELINE_EXPOSURE, Field::srational(header.baseline_ev)),
         (tag::BASELINE_NOISE, Field::rational(1.0)),
         (tag::BASELINE_SHARPNESS, Field::rational(1.0)),
         (tag::LINEAR_RESPONSE_LIMIT, Field::rational(1.0)),
