@@ -22,7 +22,7 @@ use crate::moving_part;
 use crate::npy;
 use crate::quantity::{Distance, Seconds};
 use crate::shake::Shake;
-use crate::shot::{Inputs, SceneCache, Shot, ShotError, ShotFile};
+use crate::shot::{DEFAULT_SEED, Inputs, SceneCache, Shot, ShotError, ShotFile};
 use calibration::{CameraOfRig, Picture, RigCalibration};
 use diopter_light::names::{in_words, nearest};
 use glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot};
@@ -462,6 +462,7 @@ impl Checks<'_> {
             }
             Some(b) => return Err(self.entry(&at, format!("baseline {b}"), "a distance above 0, such as \"12 cm\"")),
         };
+        let before = to.len();
         let aim = file.rig.path.first().and_then(|k| k.look_at).or(file.rig.look_at).map(DVec3::from);
         for (name, rig_from_camera) in members {
             if to.iter().any(|c| c.name.eq_ignore_ascii_case(&name)) {
@@ -469,8 +470,11 @@ impl Checks<'_> {
             }
             let mounted = Arc::new(Mounted { path: path.clone(), rig_from_camera });
             let mut shot = shot.clone();
+            tell_apart(&mut shot, &s.shot, to.len(), to.len() - before);
             let stands = mounted.place(first_s);
             shot.scene.at = Some(Seconds(first_s));
+            // Flow and motion are from one frame to the next.
+            shot.sequence.fps = Some(file.frames.fps.unwrap_or(FPS));
             // What is sharp by default: as far as the rig's aim is from the camera, along its axis.
             shot.camera.look_from = Some(stands.translation.as_vec3().to_array());
             let far = aim.map_or(1.0, |aim| (aim - stands.translation).length()).max(1e-3);
@@ -560,6 +564,22 @@ const REFUSED: &[(&str, &str)] = &[
     ("render.time_limit", "spp: pictures of a rig are to be alike"),
     ("render.samples", "spp: all samples are taken"),
 ];
+
+/// Gives a camera noise and a specimen of its own: two cameras of a rig are two, each with other samples, other noise and another pattern of its pixels.
+/// `own`: what is said of this camera or pair alone, which stays as it is but for the second one of a pair; `number`: of the camera in the rig, and `member`
+/// of its pair, from 0.
+fn tell_apart(shot: &mut ShotFile, own: &toml::Table, number: usize, member: usize) {
+    let rank = |key: &str| if find(own, key) { member } else { number };
+    let by = rank("render.seed") as u64;
+    shot.render.seed = Some(shot.render.seed.unwrap_or(DEFAULT_SEED).wrapping_add(by));
+    let by = rank("camera.serial");
+    if by > 0 {
+        shot.camera.serial = Some(match &shot.camera.serial {
+            None => format!("{:06}", by + 1),
+            Some(serial) => format!("{serial}-{}", by + 1),
+        });
+    }
+}
 
 fn find(table: &toml::Table, dotted: &str) -> bool {
     match dotted.split_once('.') {

@@ -85,6 +85,60 @@ const MOVING: &str = "[rig]\nlook_at = [0, 0, -2]\nends = \"free\"\n[[rig.path]]
     [[camera]]\nname = \"a\"\n[[camera]]\nname = \"b\"\ntrigger_offset = \"20 ms\"\n[camera.shot]\nrender.size = \"32x16\"\nexposure.shutter = \"1/50\"\n\
     [imu]\nrate = \"100 Hz\"\nposition = [0.0, 0.1, 0.0]\n[write]\nfiles = [\"png\", \"depth.npy\"]\n";
 
+#[test]
+fn each_camera_has_noise_and_a_specimen_of_its_own() {
+    let folder = folder();
+    let text = format!(
+        "{STEREO}[[camera]]\nname = \"wide\"\n[[camera]]\nname = \"own\"\n[camera.shot]\nrender.seed = 1\ncamera.serial = \"A7\"\n"
+    );
+    let rig = Rig::new(&text, "rig.toml", folder.path()).unwrap();
+    let go_on = AtomicBool::new(false);
+    let watch = ProgressReporter { cancel: &go_on, progress: &|_| () };
+    let raws: Vec<_> = (shots(&rig).iter_mut().enumerate())
+        .map(|(k, shot)| {
+            rig.turn(shot, k, 0, &mut |_| ()).unwrap();
+            shot.read_out(&shot.expose(&watch).unwrap()).unwrap()
+        })
+        .collect();
+    let told: Vec<_> = raws.iter().map(|raw| (raw.header.facts.serial.as_str(), raw.header.facts.seed)).collect();
+    assert_eq!(told, [("000001", 1), ("000002", 2), ("000003", 3), ("A7", 1)]);
+    // The eyes stand 12 cm apart before an even wall: what they have in common is its light.
+    let [left, right] = [0, 1].map(|k| raws[k].mosaic.data.iter().map(|dn| f64::from(*dn)).collect::<Vec<f64>>());
+    let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
+    // Differences along a row to the pixel of the same colour leave noise.
+    let noise = |v: &[f64]| v.chunks(48).flat_map(|row| row.windows(3).map(|w| w[2] - w[0])).collect::<Vec<f64>>();
+    let (l, r) = (noise(&left), noise(&right));
+    let product: Vec<f64> = l.iter().zip(&r).map(|(a, b)| a * b).collect();
+    let squares = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>() / v.len() as f64;
+    let correlation = mean(&product) / (squares(&l) * squares(&r)).sqrt();
+    assert!(correlation.abs() < 0.2, "{correlation}");
+}
+
+#[test]
+fn flow_is_from_one_frame_of_the_rig_to_the_next() {
+    let flow = |fps: &str| {
+        let folder = folder();
+        let text = format!(
+            "[rig]\nends = \"free\"\n[[rig.path]]\ntime = 0\nlook_from = [0.0, 0.2, 1.0]\nlook_at = [0.0, 0.2, -2.0]\n[[rig.path]]\ntime = \"2 s\"\n\
+             look_from = [0.4, 0.2, 1.0]\nlook_at = [0.4, 0.2, -2.0]\n[frames]\nfirst = \"1 s\"\nfps = {fps}\n[shot]\nscene = {{ file = \"wall.obj\", light = \"overcast\" }}\n\
+             camera = {{ lens = \"pinhole\", focal_length = \"40mm\" }}\nexposure.shutter = \"1/1000\"\n\
+             render = {{ size = \"48x32\", spp = 1, denoise = false, truth_channels = \"flow\" }}\n[[camera]]\nname = \"eye\"\n"
+        );
+        let rig = Rig::new(&text, "rig.toml", folder.path()).unwrap();
+        let mut shots = shots(&rig);
+        rig.turn(&mut shots[0], 0, 0, &mut |_| ()).unwrap();
+        let go_on = AtomicBool::new(false);
+        let plane = shots[0].expose(&ProgressReporter { cancel: &go_on, progress: &|_| () }).unwrap();
+        match plane.truth.values("flow") {
+            Some(Values::Float(flow)) => f64::from(flow.data[(16 * 48 + 24) * 2]),
+            _ => panic!("no flow"),
+        }
+    };
+    // 0.2 m/s sideways before a wall 3 m away: x' = f v t / d.
+    let (slow, fast) = (flow("5"), flow("20"));
+    assert!((slow / fast - 4.0).abs() < 0.02 && fast.abs() > 0.1, "{slow} {fast}");
+}
+
 fn made(text: &str) -> BTreeMap<String, Vec<u8>> {
     let folder = folder();
     let rig = Rig::new(text, "rig.toml", folder.path()).unwrap();
