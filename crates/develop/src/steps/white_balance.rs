@@ -16,7 +16,7 @@ section! {
         balance: String = "as-shot".into(), "", Text,
             "as-shot, auto, daylight, cloudy, shade, tungsten, fluorescent, flash, an illuminant (D50) or a temperature (5200 K)";
         tint: f64 = 0.0, "1/3000 of uv", Number(-150.0, 150.0),
-            "off the line of black bodies: greener below 0, more magenta above";
+            "by which the light is taken to lie off the line of black bodies, to the green side above 0: the picture becomes more magenta then, greener below 0";
         patch: Option<[f64; 4]> = None, "fraction of the picture", Numbers(4, 0.0, 1.0),
             "left, top, width, height of a part that is grey; wins over white.balance";
     }
@@ -151,14 +151,14 @@ fn black_body(kelvin: f64) -> [f64; 2] {
     uv(xy_from_xyz(xyz_of(radiance)))
 }
 
-/// A point off the line of black bodies.
+/// A point off the line of black bodies: to its green side for tints above 0, as Adobe's raw converters count.
 fn off_line(kelvin: f64, tint: f64) -> [f64; 2] {
     let mired = 1e6 / kelvin;
     let [at, before, after] = [mired, mired - 0.5, mired + 0.5].map(|m| black_body(1e6 / m));
     let (du, dv) = (after[0] - before[0], after[1] - before[1]);
     let length = du.hypot(dv);
     // Green lies to the left of the way to lower temperatures: larger v.
-    [at[0] + dv / length * tint / TINT, at[1] - du / length * tint / TINT]
+    [at[0] - dv / length * tint / TINT, at[1] + du / length * tint / TINT]
 }
 
 /// Chromaticity (CIE 1931 x, y) of a temperature (K) and tint.
@@ -202,7 +202,7 @@ fn automatic(header: &RawHeader, overview: &Overview) -> Vec<f64> {
     let found: Vec<f64> = sums.iter().map(|s| s.powf(1.0 / f64::from(NORM))).collect();
     let Some(found) = normalised(found) else { return header.as_shot_neutral.clone() };
     let (kelvin, tint) = temperature(camera_matrix::xy_of_neutral(header, &found));
-    let xy = xy_of(kelvin.clamp(2000.0, 12_000.0), tint.clamp(-30.0, 40.0));
+    let xy = xy_of(kelvin.clamp(2000.0, 12_000.0), tint.clamp(-40.0, 30.0));
     camera_matrix::neutral_of_xy(header, xy).unwrap_or(found)
 }
 
@@ -220,7 +220,17 @@ mod tests {
         }
         // D65 lies 0.0032 above the line of black bodies: greener.
         let (_, tint) = temperature((0.3127, 0.3290));
-        assert!((-11.0..-8.0).contains(&tint), "{tint}");
+        assert!((8.0..11.0).contains(&tint), "{tint}");
+    }
+
+    #[test]
+    fn more_tint_is_of_a_greener_light_so_that_the_picture_becomes_more_magenta() {
+        // What counts as neutral has more of Y then: a grey gets less green.
+        let green = |tint: f64| {
+            let (x, y) = xy_of(5500.0, tint);
+            y / (x + (1.0 - x - y))
+        };
+        assert!(green(40.0) > 1.01 * green(0.0) && green(0.0) > 1.01 * green(-40.0));
     }
 
     #[test]
