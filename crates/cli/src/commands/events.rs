@@ -30,6 +30,9 @@ pub fn run(args: &EventsArgs, json: bool) -> anyhow::Result<()> {
         .collect::<anyhow::Result<Vec<_>>>()?;
     distinct(args.taking.subject.as_deref().map(Path::new), args.output.iter().chain(&args.keep_light).map(|p| p.as_path()))?;
     let outputs = args.output.iter().map(|p| Output::prepare(p)).collect::<anyhow::Result<Vec<_>>>()?;
+    if let Some(path) = args.keep_light.as_deref().filter(|p| !p.extension().is_some_and(|e| e.eq_ignore_ascii_case("npy"))) {
+        return Err(UsageError(anyhow!("--keep-light {}: expected a name that ends in .npy", path.display())).into());
+    }
     let light_file = args.keep_light.as_deref().map(Output::prepare).transpose()?;
     let film = EventFilm {
         sensor,

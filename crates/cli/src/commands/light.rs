@@ -39,6 +39,9 @@ fn exposed(args: &ReadOut) -> anyhow::Result<(Sensor, FocalPlane)> {
         }
         let plane = read_plane(&args.plane)?;
         let sensor = body_of(args, &plane.facts.body)?;
+        say(
+            "note: light of --radiance is that of the scene: its electrons show no vignetting, no fall-off towards the corners and no loss by near focus; those of `expose` without it do",
+        );
         let electrons = of_plane(&plane, &sensor, exposure_s, t_number).map_err(anyhow::Error::from).with_context(place)?;
         return Ok((sensor, electrons));
     }

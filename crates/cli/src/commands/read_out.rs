@@ -5,7 +5,7 @@ use super::{light, open, print_json, read_plane};
 use crate::UsageError;
 use crate::args::ReadOut;
 use crate::output::{self, now};
-use crate::watch::say;
+use crate::watch::{say, warn};
 use anyhow::{Context, anyhow};
 use diopter::develop::Recipe;
 use diopter::image::dng;
@@ -44,6 +44,14 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
     let place = || args.plane.display().to_string();
     let first = open_rows(&args.plane)?;
     let sensor = body_of(args, &first.facts().body)?;
+    if args.body.is_some() && !first.facts().body.is_empty() && first.facts().body != sensor.name {
+        warn(&format!(
+            "{}: its electrons were counted by {}: of {} it gets the noise, gains and levels, not the colours and the sensitivity; `expose --radiance --spectral` keeps light for any body",
+            place(),
+            first.facts().body,
+            sensor.name
+        ));
+    }
     // What the camera was set to, if it is this body that reads.
     let set = if args.body.is_none() { first.facts().iso_set } else { 0.0 };
     let reading = |k: usize| Reading {

@@ -2,7 +2,7 @@
 
 use super::print_json;
 use crate::args::values::{List, list};
-use crate::watch::say;
+use crate::watch::{say, warn};
 use crate::{UsageError, paint};
 use anyhow::anyhow;
 use diopter::lens::analysis::{self, VISUAL_NM};
@@ -133,6 +133,18 @@ impl Table {
 
     pub(super) fn bench(&self) -> analysis::Bench<'_> {
         analysis::Bench { system: &self.set.system, object_distance: self.object_distance }
+    }
+
+    /// Warns where path differences are not those of the lens: through ideal lenses they are exact for parallel light alone.
+    pub(super) fn warn_of_ideal_paths(&self) {
+        let surfaces = &self.set.system.surfaces;
+        let Some(ideal) = surfaces.iter().position(|s| s.ideal_focal_length.is_some()) else { return };
+        if self.object_distance.is_some() || surfaces[..ideal].iter().any(|s| s.profile.curvature() != 0.0) {
+            warn(&format!(
+                "surface {}: light comes to this ideal lens that is not parallel: its rays are exact, path differences are not, nor what follows from them (wavefront, Strehl ratio, diffraction)",
+                ideal + 1
+            ));
+        }
     }
 
     /// Name, focal length and f-number at the reference wavelength, the object's distance, and what is shown.

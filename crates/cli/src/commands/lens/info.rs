@@ -147,16 +147,16 @@ impl Info {
                 }
                 other => format!("{:.4}", 1.0 / other.curvature()),
             };
-            let kind = match (&s.profile, s.stop, s.mirror) {
-                (_, true, true) => " stop, mirror",
-                (_, true, _) => " stop",
-                (_, _, true) => " mirror",
-                _ if s.diffractive.is_some() => " diffractive",
-                (Profile::Freeform(_), ..) => " freeform",
-                (Profile::Fresnel(_), ..) => " Fresnel",
-                (Profile::Asphere(_) | Profile::Forbes(_) | Profile::Conic { .. }, ..) => " asphere",
-                _ => "",
+            let shape = match &s.profile {
+                Profile::Freeform(_) => Some("freeform"),
+                Profile::Fresnel(_) => Some("Fresnel"),
+                Profile::Asphere(_) | Profile::Forbes(_) | Profile::Conic { .. } => Some("asphere"),
+                _ => None,
             };
+            let kinds =
+                [s.stop.then_some("stop"), s.mirror.then_some("mirror"), s.diffractive.is_some().then_some("diffractive"), shape];
+            let kinds: Vec<&str> = kinds.into_iter().flatten().collect();
+            let kind = if kinds.is_empty() { String::new() } else { format!(" {}", kinds.join(", ")) };
             let gap = s.gap.at(table.set.state.zoom, table.set.state.focus);
             let glass = if s.glass.kind == GlassKind::Air { String::new() } else { s.glass.describe() };
             writeln!(t, "  {:>3} {radius:>12} {gap:>10.4} {:>9.3}  {glass}{kind}", i + 1, s.semi_diameter.unwrap_or(0.0))?;

@@ -44,6 +44,9 @@ impl Mtf {
             return Err(UsageError(anyhow!("frequency {bad}: expected above 0, and at most 10000 cycles/mm")).into());
         }
         let table = Table::new(asked)?;
+        if !geometric {
+            table.warn_of_ideal_paths();
+        }
         let bench = table.bench();
         let colors: Vec<(f64, f64)> = table.wavelengths.iter().map(|nm| (*nm, 1.0)).collect();
         let at = |field: f64, frequencies: &[f64], defocus: f64| match geometric {

@@ -74,6 +74,9 @@ impl Psf {
             let half = (3.0 * widest + 20.0 * needed) / pixel;
             (2 * (half.ceil() as usize + 4)).min(MOST_PIXELS)
         });
+        if !self.geometric {
+            table.warn_of_ideal_paths();
+        }
         let mut images = vec![];
         for (field, nm) in &each {
             for plane in &defocus {

@@ -51,6 +51,7 @@ impl Wavefront {
         }
         let table = Table::new(asked)?;
         let files = Files::prepare(asked)?;
+        table.warn_of_ideal_paths();
         let bench = table.bench();
         let fields = table.fields.iter().flat_map(|f| table.wavelengths.iter().map(|nm| (*f, *nm)));
         let found: Vec<(analysis::Wavefront, Option<Fit>)> = fields

@@ -256,7 +256,7 @@ fn transfer_sheet(raw: &diopter::image::RawImage, body: Option<&str>) -> anyhow:
     };
     let rounding = step.gain_e_per_dn / 12f64.sqrt();
     let dark_noise_e = step.read_noise_e.hypot(step.row_noise_e).hypot(rounding);
-    let white_e = (step.white_level_dn - step.black_level_dn) * step.gain_e_per_dn;
+    let white_e = sensor.saturation_e(&step);
     Ok(Some(TransferSheet {
         body: sensor.name.clone(),
         iso,
