@@ -30,7 +30,7 @@ pub struct HdrError {
 }
 
 /// Light that a picture's numbers stand for beside another's: time · ISO / T-stop², filter included.
-pub fn exposure(raw: &RawImage) -> f64 {
+fn exposure(raw: &RawImage) -> f64 {
     let f = &raw.header.facts;
     let stop = match (f.t_number > 0.0, f.f_number > 0.0) {
         (true, _) => f.t_number,

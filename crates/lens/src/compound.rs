@@ -79,7 +79,7 @@ pub struct CompoundLens {
     pupils: PupilTable,
     detail: PupilDetail,
     transmittance: f64,
-    /// Radiance in the film's medium over that in air: the square of its index, n' at the reference wavelength.
+    /// Radiance in the medium of the film over that in air: the square of its index at the reference wavelength.
     film_gain: f64,
     disperses: bool,
 }

@@ -46,7 +46,7 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
     let sensor = body_of(args, &first.facts().body)?;
     if args.body.is_some() && !first.facts().body.is_empty() && first.facts().body != sensor.name {
         warn(&format!(
-            "{}: its electrons were counted by {}: of {} it gets the noise, gains and levels, not the colours and the sensitivity; `expose --radiance --spectral` keeps light for any body",
+            "{}: its electrons were counted by {}: of {} it gets the noise, gains and levels, not the colours and the sensitivity; `expose --bands 400..700/10nm` keeps light for any body",
             place(),
             first.facts().body,
             sensor.name

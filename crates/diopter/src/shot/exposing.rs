@@ -11,7 +11,7 @@ use std::ops::RangeInclusive;
 /// Compensation and filters that are taken for meant.
 const COMPENSATION_EV: RangeInclusive<f64> = -20.0..=20.0;
 /// Brightening that raw files can say, EV.
-const BASELINE_EV: std::ops::RangeInclusive<f64> = -10.0..=10.0;
+const BASELINE_EV: RangeInclusive<f64> = -10.0..=10.0;
 
 const FILTER_STOPS: RangeInclusive<f64> = 0.0..=40.0;
 

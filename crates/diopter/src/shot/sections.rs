@@ -492,8 +492,9 @@ section! {
         /// More (+) or less light than the meter asks for: "+1", "-1/3 EV".
         #[arg(long, value_name = "EV", allow_hyphen_values = true)]
         pub compensation: Option<Ev>,
-        /// EV by which pictures are brightened when they are developed (DNG: BaselineExposure); what the camera chooses is exposed by as much less, so that highlights are
-        /// not blown. Behind microlenses, where images of the pupil are brighter than the film would be, by how much; else 0.
+        /// Brighten pictures by so much when they are developed, and expose by as much less, to keep highlights: "1 EV" (DNG: BaselineExposure).
+        ///
+        /// What is set by hand is exposed as it is set. Without: behind microlenses what images of the pupil are brighter than the film would be, else 0.
         #[arg(long, value_name = "EV", allow_negative_numbers = true)]
         pub baseline: Option<Ev>,
         /// Neutral density filter: "ND8" (factor), "ND 0.9" (density), "3 stops".

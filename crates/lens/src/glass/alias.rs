@@ -74,23 +74,26 @@ pub(crate) fn parse_foreign(name: &str, vendors: &[&str]) -> Result<(Glass, Opti
         Err(e @ (GlassError::Unknown { .. } | GlassError::NoFigures(_))) => Err(e),
         found => Ok(found?),
     };
-    let knows_makers: Vec<&str> = vendors.iter().copied().filter(|v| MAKERS.contains(v)).collect();
-    match found {
-        // Of another maker: an old name of one that the file names comes first.
-        Ok(glass) if is_of_other_maker(&glass, name, &knows_makers) => by_alias(name, vendors, None).or_else(|_| {
-            let makers = knows_makers.join(", ");
-            let note = format!(
-                "glass \"{name}\": the file asks for glass of {makers}, of which none has that name; taken is {}",
-                glass.written()
-            );
-            Ok((glass, Some(note)))
-        }),
-        Ok(glass) => Ok((glass, None)),
-        Err(unknown) => by_alias(name, vendors, Some(unknown)),
+    let makers: Vec<&str> = vendors.iter().copied().filter(|v| MAKERS.contains(v)).collect();
+    if let Ok(glass) = &found
+        && !is_of_other_maker(glass, name, &makers)
+    {
+        return found.map(|glass| (glass, None));
     }
+    // Before a glass of another maker comes an old name of one that the file names.
+    if let Some((glass, note)) = by_alias(name, vendors)? {
+        return Ok((glass, Some(note)));
+    }
+    let glass = found?;
+    let note = format!(
+        "glass \"{name}\": the file asks for glass of {}, of which none has that name; taken is {}",
+        makers.join(", "),
+        glass.written()
+    );
+    Ok((glass, Some(note)))
 }
 
-/// Vendors whose glasses have names that others use for other glasses.
+/// Vendors of glass, whose names others use for other glasses; what comes behind them are materials.
 const MAKERS: &[&str] = VENDORS.split_at(7).0;
 
 /// Whether a glass that was found by its bare name is of none of the makers that a file names, if it names any.
@@ -100,12 +103,11 @@ fn is_of_other_maker(glass: &Glass, name: &str, makers: &[&str]) -> bool {
     !makers.is_empty() && !names_vendor && MAKERS.contains(&vendor.as_str()) && !makers.contains(&vendor.as_str())
 }
 
-/// A glass by a name that the catalogue does not have, with a note. Fails with `unknown`, or as a name that nobody knows.
-fn by_alias(name: &str, vendors: &[&str], unknown: Option<GlassError>) -> Result<(Glass, Option<String>), GlassError> {
-    let unknown = unknown.unwrap_or_else(|| GlassError::Unknown { name: name.to_owned(), hint: String::new() });
+/// A glass by a name that is not the catalogue's, and a note; `None` where no alias is known.
+fn by_alias(name: &str, vendors: &[&str]) -> Result<Option<(Glass, String)>, GlassError> {
     let taken = |glass: Glass, why: &str| {
         let note = format!("glass \"{name}\" is taken for {}: {why}", glass.written());
-        Ok((glass, Some(note)))
+        Ok(Some((glass, note)))
     };
     // "NAME_VENDOR", and CODE V's "NAME_SPECIAL" of what is not a vendor's.
     let name_in_file = name.trim();
@@ -116,7 +118,7 @@ fn by_alias(name: &str, vendors: &[&str], unknown: Option<GlassError>) -> Result
     };
     let key = plain(stem);
     if key.is_empty() {
-        return Err(unknown);
+        return Ok(None);
     }
     // Old names are Schott's, or of no vendor.
     let of_schott = |v: &&str| v.eq_ignore_ascii_case("schott");
@@ -150,7 +152,7 @@ fn by_alias(name: &str, vendors: &[&str], unknown: Option<GlassError>) -> Result
             return taken(glass, "the annealed glass; moulding lowers nd by about 0.002 to 0.007, which is not known for it");
         }
     }
-    Err(unknown)
+    Ok(None)
 }
 
 #[cfg(test)]
@@ -198,7 +200,7 @@ mod tests {
 
     #[test]
     fn a_name_is_of_the_maker_that_the_file_names() {
-        // nd of Schott's catalogue of 1996 and of CDGM's and Hoya's: the same names, other glasses.
+        // nd of Schott's and CDGM's catalogues: the same names, other glasses.
         for (name, vendors, nd) in [
             ("F6", &[][..], 1.63636),
             ("F6", &["schott"], 1.63636),

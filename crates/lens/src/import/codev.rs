@@ -212,8 +212,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
             }
             "PUI" | "PUX" | "PUY" => note(&mut p, "the pupil's apodisation (PUI, PUX, PUY) is left out"),
             "TEM" | "PRE" => {
-                // °C, and millimetres of mercury.
-                let value = rest.first().map(|w| number_of(w, &key)).transpose()?;
+                // °C, and millimetres of mercury; in one zoom position or all.
+                let value = rest.last().and_then(|w| w.parse::<f64>().ok());
                 let other =
                     if key == "TEM" { value.and_then(other_temperature) } else { value.and_then(|v| other_pressure(v / 760.0)) };
                 if let Some(text) = other {

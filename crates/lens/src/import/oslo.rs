@@ -234,8 +234,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                     rest.join(" ")
                 )));
             }
-            "TEM" => p.notes.extend(other_temperature(figure(0)?)),
-            "PRE" => p.notes.extend(other_pressure(figure(0)?)),
+            "TEM" => p.notes.extend(numbers().first().and_then(|t| other_temperature(*t))),
+            "PRE" => p.notes.extend(numbers().first().and_then(|atm| other_pressure(*atm))),
             other if HARMLESS.contains(&other) || other.starts_with("SNO") => {}
             other => skipped.add(other),
         }

@@ -301,8 +301,8 @@ fn surfaces_of(which: Option<&Surfaces>, p: &Prescription) -> Result<(Vec<usize>
 fn expand(entry: &Entry, p: &Prescription, out: &mut Vec<Parameter>) -> Result<(), String> {
     let (surfaces, named) = surfaces_of(entry.surfaces.as_ref(), p)?;
     let distribution = entry.distribution;
-    // A tolerance of 0 is a surface that is taken as perfect.
-    let mut push_part = |change: Change, half_range: f64, part: Option<Axis>| {
+    let mut push = |change: Change, half_range: f64, part: Option<Axis>| {
+        // A tolerance of 0 is a surface that is taken as perfect.
         if half_range > 0.0 {
             out.push(Parameter { change, half_range, distribution, part });
         }
@@ -350,7 +350,7 @@ fn expand(entry: &Entry, p: &Prescription, out: &mut Vec<Parameter>) -> Result<(
             let (v, unit) =
                 amount("radius", a, Unit::Millimeters, &units, "an amount such as \"0.1%\", \"0.02 mm\" or \"3 fringes\"")?;
             match unit {
-                Unit::Fringes => push_part(Change::Curvature { surface: i }, curvature_of_fringes(i, v), None),
+                Unit::Fringes => push(Change::Curvature { surface: i }, curvature_of_fringes(i, v), None),
                 _ if c == 0.0 && named => {
                     return Err(format!("radius of surface {}, a plane: expected fringes, such as \"3 fringes\"", i + 1));
                 }
@@ -365,12 +365,12 @@ fn expand(entry: &Entry, p: &Prescription, out: &mut Vec<Parameter>) -> Result<(
                             1.0 / c
                         ));
                     }
-                    push_part(Change::Radius { surface: i }, half, None);
+                    push(Change::Radius { surface: i }, half, None);
                 }
             }
         }
         if let Some(fringes) = power {
-            push_part(Change::Curvature { surface: i }, curvature_of_fringes(i, fringes), None);
+            push(Change::Curvature { surface: i }, curvature_of_fringes(i, fringes), None);
         }
         if let Some(fringes) = irregular {
             let simple = matches!(p.surfaces[i].profile, Profile::Plane | Profile::Sphere(_) | Profile::Conic { .. });
@@ -379,7 +379,7 @@ fn expand(entry: &Entry, p: &Prescription, out: &mut Vec<Parameter>) -> Result<(
             }
             if simple {
                 for axis in [Axis::X, Axis::Y] {
-                    push_part(Change::Irregularity { surface: i, axis }, fringes, Some(axis));
+                    push(Change::Irregularity { surface: i, axis }, fringes, Some(axis));
                 }
             }
         }
@@ -401,7 +401,7 @@ fn expand(entry: &Entry, p: &Prescription, out: &mut Vec<Parameter>) -> Result<(
         }
         if let Some(degrees) = tilt {
             for axis in [Axis::X, Axis::Y] {
-                push_part(Change::SurfaceTilt { surface: i, axis }, degrees, Some(axis));
+                push(Change::SurfaceTilt { surface: i, axis }, degrees, Some(axis));
             }
         }
     }
@@ -423,7 +423,7 @@ fn expand(entry: &Entry, p: &Prescription, out: &mut Vec<Parameter>) -> Result<(
                     let what = "expected less than the gap: the surfaces would meet";
                     return Err(format!("thickness tolerance {v} mm of the gap of {least} mm after surface {}: {what}", i + 1));
                 }
-                push_part(Change::Gap { surface: i }, v, None);
+                push(Change::Gap { surface: i }, v, None);
             }
         }
         let glass = &s.glass;
@@ -444,7 +444,7 @@ fn expand(entry: &Entry, p: &Prescription, out: &mut Vec<Parameter>) -> Result<(
             if v >= 0.1 {
                 return Err(format!("index tolerance {v}: expected less than 0.1"));
             }
-            push_part(Change::Index { surface: i }, v, None);
+            push(Change::Index { surface: i }, v, None);
         }
         if let Some(a) = &entry.abbe {
             let percent = match grade(a, "AN") {
@@ -455,7 +455,7 @@ fn expand(entry: &Entry, p: &Prescription, out: &mut Vec<Parameter>) -> Result<(
                 return Err(format!("abbe tolerance {percent}%: expected less than 50%"));
             }
             match glass.abbe().is_finite() {
-                true => push_part(Change::Abbe { surface: i }, 0.01 * percent, None),
+                true => push(Change::Abbe { surface: i }, 0.01 * percent, None),
                 false if named => {
                     return Err(format!(
                         "abbe of surface {}: its glass {} has no dispersion; expected one with an Abbe number",
@@ -499,12 +499,12 @@ fn expand(entry: &Entry, p: &Prescription, out: &mut Vec<Parameter>) -> Result<(
     for [first, last] in elements {
         for axis in [Axis::X, Axis::Y] {
             if let Some((v, _)) = decenter {
-                push_part(Change::Decenter { first, last, axis }, v, Some(axis));
+                push(Change::Decenter { first, last, axis }, v, Some(axis));
             }
         }
         for axis in [Axis::X, Axis::Y] {
             if let Some((v, _)) = tilt {
-                push_part(Change::Tilt { first, last, axis }, v, Some(axis));
+                push(Change::Tilt { first, last, axis }, v, Some(axis));
             }
         }
     }
