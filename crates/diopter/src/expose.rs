@@ -498,7 +498,7 @@ impl Exposure<'_> {
         unit.light_traced = lamps.is_some();
         let caustics = self.caustics().filter(|caustics| self.shows_caustics(&unit, caustics));
         let connections = self.connections(&unit);
-        let may_reuse = caustics.is_none() && self.may_reuse();
+        let may_reuse = self.may_reuse();
         unit.groups = may_reuse.then(|| pixel_groups::PixelGroups::new(film, unit.in_radiance()));
         let help = self.help(&unit, connections.as_ref(), caustics.as_ref());
         let connections = connections.filter(|_| help == trial::Help::Connections);

@@ -186,6 +186,12 @@ pub(crate) enum DistanceSample {
 }
 
 impl Sigma {
+    /// Fraction of what is met that is scattered.
+    #[inline]
+    pub fn albedo(&self) -> SampledSpectrum {
+        self.scattering / self.extinction.max(SampledSpectrum::splat(f32::MIN_POSITIVE))
+    }
+
     /// Fraction of light that is left after a distance, m.
     #[inline]
     pub fn transmittance(&self, distance: f32) -> SampledSpectrum {

@@ -87,6 +87,12 @@ impl MediumStack {
         self.count == 0 && self.said.is_none()
     }
 
+    /// Whether it is in a body.
+    #[inline]
+    pub fn is_in_body(&self) -> bool {
+        self.count > 0
+    }
+
     /// The medium along a ray up to a distance, and the part of it in which it is.
     #[inline]
     pub fn span<'a>(&self, scene: &'a Scene, ray: &Ray, reach: f32) -> Option<(&'a Medium, [f32; 2])> {

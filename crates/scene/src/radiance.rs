@@ -11,6 +11,7 @@
 //! do at clear glass in `radiance/splitting.rs` and `radiance/through_glass.rs`.
 
 mod cone;
+mod donor;
 mod first_surface;
 mod incident;
 mod joint;
@@ -101,7 +102,7 @@ impl Scene {
 
     /// The radiance along a camera path, with its width, its light paths and its weights of emitters: one random estimate as [`Scene::radiance`].
     pub fn radiance_along(&self, path: &CameraPath, settings: &PathSettings) -> SampledSpectrum {
-        Transport { scene: self, settings }.follow(path, SampledSpectrum::ZERO)
+        Transport::new(self, settings).follow(path, SampledSpectrum::ZERO)
     }
 
     /// What `record` records of the light of many camera paths, in their order: the one entry of whoever traces pictures. With [`Radiance`](record::Radiance) the numbers of

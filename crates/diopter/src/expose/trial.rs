@@ -11,7 +11,7 @@ use diopter_light::random::{Sampler, SamplerKind};
 use diopter_light::{Ray, SampledWavelengths};
 use diopter_scene::light_paths::{Caustics, Connections, LightPaths};
 use diopter_scene::radiance::CameraPath;
-use diopter_scene::radiance::record::{Radiance, RadianceAndCaustics, RadianceAndEvents};
+use diopter_scene::radiance::record::{Radiance, RadianceAndCaustics, RadianceAndWork};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -45,9 +45,13 @@ const ACCEPT_FRACTION: f64 = 0.3;
 const NOISY: f64 = 1.5;
 const ACCEPT_LAST: f64 = 0.5;
 const REJECT_FRACTION: f64 = 0.8;
-/// Processor time of a segment of a path whose light is lent, over that of one of a path alone: roulette lets it go on for longer; and that of lending to a group, over that of a segment.
-const COST_OF_SEGMENT: f64 = 1.3;
-const COST_OF_LENDING: f64 = 1.3;
+/// Processor time of what reuse does for each segment of a path, and of a shadow ray between paths, over that of a segment of a path alone. Measured by both, seconds over those of samples alone, foretold / seen:
+/// small meshes in the open 2.6 / 2.5, Cornell box 1.7 / 1.7, classroom 1.6 / 1.7, dining room 1.4 / 1.1, living room 2 1.8 / 2.1, bathroom 1.7 / 1.7, staircase 1.7 / 2.0, coffee maker 1.4 / 1.7, still life 1.8 / 1.9, fog 1.6 / 1.4.
+const COST_OF_REUSE: f64 = 0.25;
+const COST_OF_RAY: f64 = 0.13;
+/// Most that error times time may be, over that of paths alone: the numbers of a trial are independent, those of a picture are nets, from which paths alone gain more (glossy balls in the open: 0.31 of the squared error by the trial,
+/// 0.49 in the picture).
+const REUSE_PAYS: f64 = 0.75;
 /// Processor time of a path whose light is lent, over that of one alone, by which what connections must leave was found (in rooms and Cornell boxes).
 const COST_BESIDE_CONNECTIONS: f64 = 1.7;
 /// Most rounds of pairs, and samples of a pixel for each of them.
@@ -129,15 +133,15 @@ fn pays([without, with]: [f64; 2], is_last: bool) -> Option<bool> {
     }
 }
 
-/// Processor time of a path whose light is lent to a group, over that of one alone of so many segments (measured, of samples alone: rooms 1.5 to 1.8, a Cornell box 1.5, a mesh in the open 2.0).
-fn cost_of_reuse(segments: f64) -> f64 {
-    COST_OF_SEGMENT + COST_OF_LENDING / segments.max(1.0)
+/// Processor time of paths whose light is reused over that of paths alone: by the segments of these, of those, and shadow rays between paths.
+fn cost_of_reuse([alone, reuse, rays]: [f64; 3]) -> f64 {
+    COST_OF_REUSE + (reuse + COST_OF_RAY * rays) / alone.max(1.0)
 }
 
 /// What helps most for what it costs, by the relative squared errors of the candidates that were `tried`, where reuse costs so much; `None` where more pairs are to tell.
 fn best(noise: [f64; 3], tried: &[Candidate], cost_of_reuse: f64, is_last: bool) -> Option<Help> {
     let [alone, reuse, connected] = noise;
-    let reuses = tried.iter().any(|c| matches!(c, Candidate::Reuse)) && reuse * cost_of_reuse < alone;
+    let reuses = tried.iter().any(|c| matches!(c, Candidate::Reuse)) && reuse * cost_of_reuse < REUSE_PAYS * alone;
     let (help, without) = if reuses { (Help::Reuse, reuse * COST_BESIDE_CONNECTIONS) } else { (Help::Alone, alone) };
     match tried.iter().any(|c| matches!(c, Candidate::Connected)) {
         false => Some(help),
@@ -202,7 +206,7 @@ impl Exposure<'_> {
         // As many pixels, in pairs of groups.
         let side = if may_reuse { (side * side / PAIR).isqrt().max(1) } else { side };
         // Sums of whole numbers: the same in any order.
-        let (followed, events) = (AtomicU64::new(0), AtomicU64::new(0));
+        let work: [AtomicU64; 3] = Default::default();
         let group = |block: usize, k: usize| -> Vec<Pair> {
             let pixel = pixel_of_block(film, block, k % (side * side), side);
             let pixels = match unit.groups {
@@ -242,16 +246,23 @@ impl Exposure<'_> {
                     };
                     let paths: Vec<CameraPath> = rays.iter().map(path).collect();
                     let radiances = match candidate {
-                        Candidate::Reuse => {
-                            self.scene.trace_groups(paths.split_at(of_first).into(), Radiance, &self.settings.path)
-                        }
-                        Candidate::Alone => {
-                            let both = self.scene.trace(&paths, RadianceAndEvents, &self.settings.path);
-                            followed.fetch_add(both.len() as u64, Ordering::Relaxed);
-                            events.fetch_add(both.iter().map(|(_, events)| u64::from(*events)).sum(), Ordering::Relaxed);
+                        Candidate::Connected => self.scene.trace(&paths, Radiance, &self.settings.path),
+                        Candidate::Alone | Candidate::Reuse => {
+                            let both = match candidate {
+                                Candidate::Reuse => {
+                                    let groups = paths.split_at(of_first).into();
+                                    self.scene.trace_groups(groups, RadianceAndWork, &self.settings.path)
+                                }
+                                _ => self.scene.trace(&paths, RadianceAndWork, &self.settings.path),
+                            };
+                            let [alone, reuse, rays] = &work;
+                            let segments = if matches!(candidate, Candidate::Reuse) { reuse } else { alone };
+                            for (_, done) in &both {
+                                segments.fetch_add(u64::from(done.segments), Ordering::Relaxed);
+                                rays.fetch_add(u64::from(done.reuse_rays), Ordering::Relaxed);
+                            }
                             both.into_iter().map(|(light, _)| light).collect()
                         }
-                        Candidate::Connected => self.scene.trace(&paths, Radiance, &self.settings.path),
                     };
                     for ((pair, light), path) in pairs.iter_mut().zip(radiances).zip(&paths) {
                         let light = f64::from((light * path.wavelengths.weight).element_sum());
@@ -266,8 +277,8 @@ impl Exposure<'_> {
         for round in 0..rounds {
             let numbers = round * side * side..(round + 1) * side * side;
             blocks.par_iter_mut().enumerate().for_each(|(b, pairs)| pairs.extend(numbers.clone().flat_map(|k| group(b, k))));
-            let [followed, events] = [&followed, &events].map(|count| count.load(Ordering::Relaxed) as f64);
-            let cost = cost_of_reuse(1.0 + events / followed.max(1.0));
+            let work = work.each_ref().map(|count| count.load(Ordering::Relaxed) as f64);
+            let cost = cost_of_reuse(work);
             if let Some(help) = best(relative_noise(&blocks, &tried), &tried, cost, round + 1 == rounds) {
                 return help;
             }

@@ -26,6 +26,7 @@ use crate::light::LightRef;
 use crate::light::segment::{EquiAngular, Pivot, Segment};
 use crate::medium::tracking::Track;
 use crate::medium::{DistanceSample, Sigma, Volume, phase, scattered};
+use crate::medium_stack::MediumId;
 use crate::russian_roulette::{self, MOST_SURVIVAL};
 use crate::scene::Scene;
 use diopter_light::random::Dimensions;
@@ -45,21 +46,20 @@ const WIDE: f32 = 0.5;
 /// Least fraction of the segments on which a sample is taken: what makes it rare must not make it bright.
 const RAREST: f32 = 0.05;
 
-/// How a path goes on behind a segment in a medium.
-pub(super) enum SegmentOutcome {
-    /// It reaches the end of the segment.
+/// How a free flight along a segment in a medium ended.
+pub(super) enum Flight {
+    /// At the end of the segment.
     Through,
-    /// It goes on elsewhere.
-    Scattered {
-        /// The ray that it goes on with.
-        ray: Ray,
-        /// The vertex, where lights were sampled from there.
-        last: Option<PrevScatter>,
-        /// The segment on which the vertex lies.
-        on: MediumScatter,
-    },
-    /// It brings no more.
-    Ended,
+    /// Where the medium scatters.
+    Scattered(MediumScatter),
+}
+
+/// How a path goes on from where a medium scattered it.
+pub(super) struct Onward {
+    /// The ray that it goes on with.
+    pub ray: Ray,
+    /// The vertex, where lights were sampled from there.
+    pub last: Option<PrevScatter>,
 }
 
 /// A segment as equi-angular samples see it.
@@ -126,10 +126,10 @@ impl Inscatter {
 }
 
 impl MediumSegment<'_> {
-    /// Adds the light of the segment to `radiance`, and takes the path on.
-    pub fn sample(&self, throughput: &mut SampledSpectrum, eta_scale: f32, radiance: &mut impl Tally) -> SegmentOutcome {
+    /// Adds the light of the segment to `radiance`, and takes the path to its end or to where it is scattered.
+    pub fn fly(&self, throughput: &mut SampledSpectrum, radiance: &mut impl Tally) -> Flight {
         if let Some(volume) = &self.medium.volume {
-            return self.track(volume, throughput, eta_scale, radiance);
+            return self.track(volume, throughput, radiance);
         }
         let [near, far] = self.span;
         let sigma = self.medium.at(self.wavelengths);
@@ -143,79 +143,104 @@ impl MediumSegment<'_> {
         if let Some(inscatter) = &inscatter {
             self.add(radiance, self.equiangular(inscatter, &sigma, before, w));
         }
-        let distance = match sigma.sample_distance(far - near, [u, v], before) {
+        match sigma.sample_distance(far - near, [u, v], before) {
             DistanceSample::Through(weight) => {
                 *throughput *= weight;
-                return SegmentOutcome::Through;
+                Flight::Through
             }
             DistanceSample::Scattered(distance, weight) => {
                 *throughput *= weight;
-                distance
+                let density = sigma.density(distance, before);
+                Flight::Scattered(MediumScatter { inscatter, distance: near + distance, density })
             }
-        };
-        let on = MediumScatter { inscatter, distance: near + distance, density: sigma.density(distance, before) };
-        self.scatter(on, throughput, eta_scale, radiance)
+        }
     }
 
     /// The same in a medium that differs from place to place.
-    fn track(
-        &self,
-        volume: &Volume,
-        throughput: &mut SampledSpectrum,
-        eta_scale: f32,
-        radiance: &mut impl Tally,
-    ) -> SegmentOutcome {
+    fn track(&self, volume: &Volume, throughput: &mut SampledSpectrum, radiance: &mut impl Tally) -> Flight {
         let moment_s = self.scene.moment_s(self.ray.time_s);
         let track = Track::new(self.medium, volume, &self.ray, self.span, self.wavelengths, moment_s);
         let mut stream = self.sampler.stream(Dimensions::Tracking(self.segment_index));
         match radiance.add_by(self.depth, |emitted| track.sample_distance(*throughput, &mut stream, emitted)) {
             DistanceSample::Through(weight) => {
                 *throughput *= weight;
-                SegmentOutcome::Through
+                Flight::Through
             }
             DistanceSample::Scattered(distance, weight) => {
                 *throughput *= weight;
-                let on = MediumScatter { inscatter: None, distance, density: 1.0 };
-                self.scatter(on, throughput, eta_scale, radiance)
+                Flight::Scattered(MediumScatter { inscatter: None, distance, density: 1.0 })
             }
         }
     }
 
-    /// Adds light that arrives where the path is scattered, and chooses where it goes on.
-    fn scatter(
+    /// Whether light that is scattered where a path of a throughput was counts.
+    pub fn may_scatter(&self, throughput: SampledSpectrum) -> bool {
+        self.depth < self.settings.max_depth && throughput.max_element() > 0.0
+    }
+
+    /// Where on the segment a path was scattered.
+    pub fn point(&self, on: &MediumScatter) -> Vec3 {
+        self.ray.at(on.distance)
+    }
+
+    /// What is scattered towards where the segment comes from, of light from a direction, 1/sr.
+    pub fn phase(&self, wi: Vec3) -> f32 {
+        phase(self.ray.direction.dot(wi), self.medium.asymmetry)
+    }
+
+    /// Adds light of a lamp that arrives where a path was scattered.
+    pub fn add_lamp(&self, on: &MediumScatter, throughput: SampledSpectrum, radiance: &mut impl Tally) {
+        if !self.medium.is_subsurface {
+            self.add(radiance, self.sample_ld(on, self.point(on), throughput));
+        }
+    }
+
+    /// Adds light that was scattered here and once before, near a lamp ([`super::joint`]): from a direction it comes to the path as `response` says, and is added with the number of events and the direction. The medium, where it was sought.
+    pub fn add_joint(
         &self,
-        on: MediumScatter,
+        on: &MediumScatter,
+        throughput: SampledSpectrum,
+        response: impl Fn(f32) -> SampledSpectrum,
+        add: impl FnOnce(SampledSpectrum, u32, Vec3),
+    ) -> Option<MediumId> {
+        if self.medium.is_subsurface || !self.medium.scatters_homogeneously() {
+            return None;
+        }
+        let point = self.point(on);
+        let scatter = |direction: Vec3| {
+            let density = self.phase(direction);
+            (response(density), density)
+        };
+        let vertex = Vertex { segment: self, point, depth: self.depth };
+        let sought = vertex.joint(throughput, scatter, |_| (point, self.medium_stack), add);
+        sought.then(|| self.medium_stack.medium(self.scene))
+    }
+
+    /// A direction in which a path goes on from where it was scattered, and its density, 1/sr.
+    pub fn sample_phase(&self) -> (Vec3, f32) {
+        let [u, v, ..] = self.sampler.get(Dimensions::Scatter(self.vertex));
+        scattered(self.ray.direction, self.medium.asymmetry, [u, v])
+    }
+
+    /// Sends a path on in such a direction, unless Russian roulette ends it; `joint`: the medium in which lights were sought.
+    pub fn go_on(
+        &self,
+        on: &MediumScatter,
+        (direction, density): (Vec3, f32),
+        joint: Option<MediumId>,
         throughput: &mut SampledSpectrum,
         eta_scale: f32,
-        radiance: &mut impl Tally,
-    ) -> SegmentOutcome {
-        if self.depth >= self.settings.max_depth || !(throughput.max_element() > 0.0) {
-            return SegmentOutcome::Ended;
-        }
-        let point = self.ray.at(on.distance);
+    ) -> Option<Onward> {
+        let [.., u] = self.sampler.get(Dimensions::Scatter(self.vertex));
         let samples_lights = !self.medium.is_subsurface;
-        if samples_lights {
-            self.add(radiance, self.sample_ld(&on, point, *throughput));
-        }
-        let joint = (samples_lights && self.medium.scatters_homogeneously()).then(|| {
-            let phase = |direction: Vec3| {
-                let p = phase(self.ray.direction.dot(direction), self.medium.asymmetry);
-                (SampledSpectrum::splat(p), p)
-            };
-            let vertex = Vertex { segment: self, point, depth: self.depth };
-            let add = |light: SampledSpectrum, events: u32, _: Vec3| radiance.add(light, events);
-            vertex.joint(*throughput, phase, |_| (point, self.medium_stack), add).then(|| self.medium_stack.medium(self.scene))
-        });
-        let joint = joint.flatten();
-        let u = self.sampler.get(Dimensions::Scatter(self.vertex));
-        let (direction, density) = scattered(self.ray.direction, self.medium.asymmetry, [u[0], u[1]]);
         // Walks within bodies end at the surface: no need to end those that bring as much as they began with.
         let most = if samples_lights { MOST_SURVIVAL } else { 1.0 };
-        if !russian_roulette::goes_on(throughput, eta_scale, self.vertex + 1, u[3], self.settings.roulette_depth, most) {
-            return SegmentOutcome::Ended;
+        if !russian_roulette::goes_on(throughput, eta_scale, self.vertex + 1, u, self.settings.roulette_depth, most) {
+            return None;
         }
+        let point = self.point(on);
         let last = samples_lights.then_some(PrevScatter { point, normal: Vec3::ZERO, density, traveled: 0.0, joint });
-        SegmentOutcome::Scattered { ray: Ray { origin: point, direction, time_s: self.ray.time_s }, last, on }
+        Some(Onward { ray: Ray { origin: point, direction, time_s: self.ray.time_s }, last })
     }
 
     /// Adds light of a lamp that is scattered on this segment.

@@ -8,14 +8,16 @@
 use super::cone::Cone;
 use super::joint::Vertex;
 use super::light_connection::LightConnection;
-use super::media::{MediumScatter, SegmentOutcome};
+use super::media::{Flight, MediumScatter};
 use super::medium_segment::MediumSegment;
 use super::prev_scatter::{LineToLight, PrevScatter};
+use super::record::Work;
 use super::tally::Tally;
 use super::to_light::{MAX_INTERFACES, origin_behind};
 use super::weights::{mis, squared_ratio};
 use super::{CameraPath, PathSettings};
 use crate::light::LightRef;
+use crate::light::environment::LinearlyPolarized;
 use crate::light_paths::connect::{CameraSubpath, CameraVertex, CandidateSet};
 use crate::light_paths::{CausticSuffix, LightVertices, PhotonMap};
 use crate::material::{Bsdf, Material, Principled, Scatter, Scattering};
@@ -27,12 +29,15 @@ use crate::shape::Surface;
 use diopter_light::random::Dimensions;
 use diopter_light::{Ray, SampledSpectrum};
 use glam::Vec3;
+use std::cell::Cell;
 
 /// What is the same for all paths.
 #[derive(Clone, Copy)]
 pub(super) struct Transport<'a> {
     pub scene: &'a Scene,
     pub settings: &'a PathSettings,
+    /// Where work is counted, if it is.
+    pub work: Option<&'a Cell<Work>>,
 }
 
 /// A path between two steps.
@@ -71,6 +76,8 @@ pub(super) struct Path<'a, T: Tally> {
     pub eta_scale: f32,
     /// Whether what shines at the next surface is not the path's own ([`super::reuse_lamps`]).
     pub leaves_out_emission: bool,
+    /// Sum of what shines where its ray comes to, where that is kept apart from the rest of its light.
+    pub emission_apart: Option<SampledSpectrum>,
     /// Fraction of what shines behind specular surfaces that it brings itself: the rest was looked at where it could have gone another way ([`super::splitting`]).
     pub emission_fraction: f32,
     /// The line along which lights were sampled through clear bodies or over a mirror, where its ray met the first of these.
@@ -96,6 +103,7 @@ impl<T: Tally> Path<'_, T> {
             connection: None,
             candidate_set: None,
             leaves_out_emission: false,
+            emission_apart: None,
             emission_fraction: 1.0,
             only_emission: true,
             apart: None,
@@ -134,6 +142,16 @@ impl<T: Tally> Path<'_, T> {
         }
     }
 
+    /// Adds what shines where its ray comes to.
+    #[inline]
+    fn add_emission(&mut self, light: SampledSpectrum, polarization: impl FnOnce() -> Option<LinearlyPolarized>) {
+        let depth = self.depth();
+        match &mut self.emission_apart {
+            Some(apart) => *apart += light,
+            None => self.tally.add_polarized(light, depth, polarization),
+        }
+    }
+
     /// Lets Russian roulette judge by what it carries over what it carries now, and only after some vertices.
     pub fn restart_roulette(&mut self, vertices: u32) {
         (self.roulette_depth, self.eta_scale) = (self.vertex + vertices, 1.0 / self.throughput.max_element());
@@ -164,6 +182,18 @@ impl<'a> Arrival<'_, 'a> {
         let &Arrival { surface, material, entering, wo, around, ref bsdf } = self;
         SurfaceVertex { surface, material, entering, wo, around, bsdf, ng: bsdf.side_normal() }
     }
+}
+
+/// Where a path is scattered.
+pub(super) enum Place<'v, 'a> {
+    Surface(Arrival<'v, 'a>),
+    Medium(MediumVertex<'a>),
+}
+
+/// A place in a medium that scatters a path.
+pub(super) struct MediumVertex<'a> {
+    pub segment: MediumSegment<'a>,
+    pub on: MediumScatter,
 }
 
 /// A surface that scatters, as a path meets it.
@@ -205,6 +235,11 @@ impl SurfaceVertex<'_, '_> {
 }
 
 impl<'a> Transport<'a> {
+    /// What follows paths through a scene, and counts nothing.
+    pub fn new(scene: &'a Scene, settings: &'a PathSettings) -> Self {
+        Transport { scene, settings, work: None }
+    }
+
     /// A path that begins at the camera.
     #[inline]
     pub fn begin<T: Tally>(&self, camera: &'a CameraPath<'a>, tally: T) -> Path<'a, T> {
@@ -234,6 +269,7 @@ impl<'a> Transport<'a> {
             roulette_depth,
             eta_scale: 1.0,
             leaves_out_emission: false,
+            emission_apart: None,
             emission_fraction: 1.0,
             bent_after: None,
             only_emission: false,
@@ -271,29 +307,41 @@ impl<'a> Transport<'a> {
     /// What the ray of a path meets first.
     #[inline]
     pub fn find_hit<T: Tally>(&self, path: &Path<'a, T>) -> Option<Surface> {
+        if let Some(work) = self.work {
+            work.update(|work| Work { segments: work.segments + 1, ..work });
+        }
         self.scene.intersect(&path.ray, f32::INFINITY)
     }
 
     /// The segment up to what was met, and the vertex at its end: what shines, what is connected, where the path goes on.
     #[inline]
     fn shade<T: Tally>(&self, path: &mut Path<'a, T>, hit: Option<&mut Surface>) -> Next {
-        self.arrive(path, hit, |path, here| self.scatter_light(path, &here.vertex()))
+        self.arrive(path, hit, |path, place| self.scatter_at(path, place))
     }
 
-    /// The segment up to what was met, and what shines at its end; `scatter` does the rest where that is a surface that scatters.
+    /// Adds the light that is scattered into the ray at a place, and sends the path on.
+    #[inline(always)]
+    pub fn scatter_at<T: Tally>(&self, path: &mut Path<'a, T>, place: Place<'_, 'a>) -> Next {
+        match place {
+            Place::Surface(here) => self.scatter_light(path, &here.vertex()),
+            Place::Medium(here) => self.scatter_in_medium(path, &here),
+        }
+    }
+
+    /// The segment up to what was met, and what shines at its end; `scatter` does the rest where that is a surface that scatters, or where a medium scatters the path before.
     #[inline(always)]
     pub fn arrive<T: Tally>(
         &self,
         path: &mut Path<'a, T>,
         hit: Option<&mut Surface>,
-        scatter: impl FnOnce(&mut Path<'a, T>, Arrival<'_, 'a>) -> Next,
+        scatter: impl FnOnce(&mut Path<'a, T>, Place<'_, 'a>) -> Next,
     ) -> Next {
         let reach = hit.as_ref().map_or(f32::INFINITY, |s| s.t);
         path.segment_index += 1;
         if let Some((medium, span)) = path.medium_stack.span(self.scene, &path.ray, reach)
-            && let Some(next) = self.cross_medium(path, medium, span)
+            && let Some(here) = self.cross_medium(path, medium, span)
         {
-            return next;
+            return scatter(path, Place::Medium(here));
         }
         let Some(surface) = hit else {
             self.leave_scene(path);
@@ -324,35 +372,58 @@ impl<'a> Transport<'a> {
         let around = path.medium_stack.around(self.scene, surface.object);
         match material.bsdf(surface, wo, &path.camera.wavelengths, path.hero_only, around) {
             None => Next::Ended,
-            Some(bsdf) => scatter(path, Arrival { surface, material, entering, wo, around, bsdf }),
+            Some(bsdf) => scatter(path, Place::Surface(Arrival { surface, material, entering, wo, around, bsdf })),
         }
     }
 
     /// Takes a segment through a medium; `None` where the path reaches its end.
     #[inline(never)]
-    fn cross_medium<T: Tally>(&self, path: &mut Path<'a, T>, medium: &'a Medium, span: [f32; 2]) -> Option<Next> {
+    fn cross_medium<T: Tally>(&self, path: &mut Path<'a, T>, medium: &'a Medium, span: [f32; 2]) -> Option<MediumVertex<'a>> {
         if let Some(photons) = path.camera.light_paths.photons {
             self.gather_along(path, photons, medium, span);
         }
         let start = path.last.and_then(|last| last.start(self.scene, medium));
         let segment = MediumSegment { start, ..self.segment(path, medium, span) };
-        match segment.sample(&mut path.throughput, path.eta_scale, &mut path.tally) {
-            SegmentOutcome::Through => {
+        match segment.fly(&mut path.throughput, &mut path.tally) {
+            Flight::Through => {
                 path.camera_subpath.block_light_paths();
                 None
             }
-            SegmentOutcome::Ended => Some(Next::Ended),
-            SegmentOutcome::Scattered { ray, last, on } => {
-                (path.ray, path.last, path.medium_scatter) = (ray, last, Some(on));
-                (path.is_straight, path.camera_subpath) = (false, CameraSubpath::NONE);
-                path.tally.depolarize();
-                path.suffix.scatter_in(medium);
-                path.cone.forget();
-                path.vertex += 1;
-                path.subsurface_events += u32::from(medium.is_subsurface);
-                Some(if path.subsurface_events > MAX_SUBSURFACE_EVENTS { Next::Ended } else { Next::GoesOn })
-            }
+            Flight::Scattered(on) => Some(MediumVertex { segment, on }),
         }
+    }
+
+    /// Adds the light that a medium scatters into the ray, and sends the path on.
+    #[inline(never)]
+    pub fn scatter_in_medium<T: Tally>(&self, path: &mut Path<'a, T>, here: &MediumVertex<'a>) -> Next {
+        let MediumVertex { segment, on } = here;
+        if !segment.may_scatter(path.throughput) {
+            return Next::Ended;
+        }
+        let (throughput, tally) = (path.throughput, &mut path.tally);
+        segment.add_lamp(on, throughput, tally);
+        let joint = segment.add_joint(on, throughput, SampledSpectrum::splat, |light, events, _| tally.add(light, events));
+        self.go_on_in_medium(path, here, segment.sample_phase(), joint)
+    }
+
+    /// Goes on in a direction from where a medium scattered the path; `joint`: the medium in which lights were sought.
+    pub fn go_on_in_medium<T: Tally>(
+        &self,
+        path: &mut Path<'a, T>,
+        here: &MediumVertex<'a>,
+        direction: (Vec3, f32),
+        joint: Option<MediumId>,
+    ) -> Next {
+        let MediumVertex { segment, on } = here;
+        let Some(onward) = segment.go_on(on, direction, joint, &mut path.throughput, path.eta_scale) else { return Next::Ended };
+        (path.ray, path.last, path.medium_scatter) = (onward.ray, onward.last, Some(*on));
+        (path.is_straight, path.camera_subpath) = (false, CameraSubpath::NONE);
+        path.tally.depolarize();
+        path.suffix.scatter_in(segment.medium);
+        path.cone.forget();
+        path.vertex += 1;
+        path.subsurface_events += u32::from(segment.medium.is_subsurface);
+        if path.subsurface_events > MAX_SUBSURFACE_EVENTS { Next::Ended } else { Next::GoesOn }
     }
 
     /// The segment of a path through a medium, not one that begins where lights were sought.
@@ -392,7 +463,7 @@ impl<'a> Transport<'a> {
     /// The light of the environment and of lights at infinity, which the ray of a path runs into.
     fn leave_scene<T: Tally>(&self, path: &mut Path<'a, T>) {
         let (lights, wavelengths, direction) = (self.scene.lights(), &path.camera.wavelengths, path.ray.direction);
-        let (last, flash, depth) = (path.last, path.flash, path.depth());
+        let (last, flash) = (path.last, path.flash);
         if let Some(environment) = &lights.environment {
             let weight = match last {
                 None => self.weight_beside_light_samples(path),
@@ -402,7 +473,7 @@ impl<'a> Transport<'a> {
                 }
             };
             let light = path.throughput * environment.radiance(direction, wavelengths) * (weight * path.emission_fraction);
-            path.tally.add_polarized(light, depth, || environment.polarization(direction));
+            path.add_emission(light, || environment.polarization(direction));
         }
         self.see_discs(path);
     }
@@ -411,7 +482,7 @@ impl<'a> Transport<'a> {
     #[inline]
     pub fn see_discs<T: Tally>(&self, path: &mut Path<'a, T>) {
         let (lights, wavelengths, direction) = (self.scene.lights(), &path.camera.wavelengths, path.ray.direction);
-        let (last, flash, depth) = (path.last, path.flash, path.depth());
+        let (last, flash) = (path.last, path.flash);
         let from = last.map(|l| (l.point, l.normal));
         for (number, disc, density) in lights.discs(direction, from, wavelengths, flash) {
             let left = path
@@ -428,7 +499,7 @@ impl<'a> Transport<'a> {
                     1.0 / (1.0 + squared_ratio(density, l.density) + connected)
                 }
             };
-            path.tally.add(path.throughput * left * disc * (weight * path.emission_fraction), depth);
+            path.add_emission(path.throughput * left * disc * (weight * path.emission_fraction), || None);
         }
     }
 
@@ -476,7 +547,7 @@ impl<'a> Transport<'a> {
         };
         let emitted = emission.at(surface, &path.camera.wavelengths)
             * (weight * path.emission_fraction * scene.modulation(material, ray.time_s));
-        path.tally.add(path.throughput * left * emitted * counts, path.depth());
+        path.add_emission(path.throughput * left * emitted * counts, || None);
     }
 
     /// Adds the light that a surface scatters into the ray, and sends the path on.
@@ -504,14 +575,19 @@ impl<'a> Transport<'a> {
             Some((medium, span)) => {
                 // In the order in which light was always summed.
                 self.connect_to_light(path);
-                self.sample_jointly(path, here, medium, span)
+                let add = |tally: &mut T, light: SampledSpectrum, events: u32, wi: Vec3| {
+                    let vertex = tally.vertex(here.bsdf, here.wo, wi);
+                    // The medium depolarises it.
+                    tally.add_scattered(light, events, &vertex, &T::ThinDielectrics::default(), || None);
+                };
+                self.sample_jointly(path, here, medium, span, |direction| here.bsdf.eval(direction), add)
             }
         };
         self.go_on(path, here, scatter_numbers, camera_vertex.as_ref().map(|(_, vertex)| vertex), joint)
     }
 
     /// Light that comes over mirrors and through glass.
-    fn gather<T: Tally>(&self, path: &mut Path<'a, T>, here: &SurfaceVertex<'_, 'a>, photons: &PhotonMap) {
+    pub fn gather<T: Tally>(&self, path: &mut Path<'a, T>, here: &SurfaceVertex<'_, 'a>, photons: &PhotonMap) {
         if here.bsdf.is_specular() || here.surface.is_strand() {
             return;
         }
@@ -538,14 +614,16 @@ impl<'a> Transport<'a> {
         path.tally.add(light, depth + 2);
     }
 
-    /// Light of lamps that the medium before a surface scatters near them ([`super::joint`]); the medium, where it was sought.
+    /// Light of lamps that the medium before a surface scatters near them ([`super::joint`]): `response`: what is scattered from a direction, and its density; `add`: adds light by number of events and direction. The medium, where it was sought.
     #[inline]
-    fn sample_jointly<T: Tally>(
+    pub fn sample_jointly<T: Tally>(
         &self,
         path: &mut Path<'a, T>,
         here: &SurfaceVertex<'_, 'a>,
         medium: &'a Medium,
         span: [f32; 2],
+        response: impl Fn(Vec3) -> (SampledSpectrum, f32),
+        add: impl FnOnce(&mut T, SampledSpectrum, u32, Vec3),
     ) -> Option<MediumId> {
         if !medium.scatters_homogeneously() || here.bsdf.is_specular() || here.bsdf.is_fiber() {
             return None;
@@ -554,12 +632,8 @@ impl<'a> Transport<'a> {
         let leave = |direction: Vec3| here.leave(self.scene, medium_stack, direction);
         let vertex = Vertex { segment: &segment, point: here.surface.point, depth: path.depth() };
         let tally = &mut path.tally;
-        let add = |light: SampledSpectrum, events: u32, wi: Vec3| {
-            let vertex = tally.vertex(here.bsdf, here.wo, wi);
-            // The medium depolarises it.
-            tally.add_scattered(light, events, &vertex, &T::ThinDielectrics::default(), || None);
-        };
-        let sought = vertex.joint(path.throughput, |direction| here.bsdf.eval(direction), leave, add);
+        let add = |light: SampledSpectrum, events: u32, wi: Vec3| add(tally, light, events, wi);
+        let sought = vertex.joint(path.throughput, response, leave, add);
         sought.then(|| medium_stack.medium(self.scene))
     }
 
@@ -712,7 +786,7 @@ mod tests {
             });
             let scene = Scene::build(description).unwrap();
             let settings = PathSettings::default();
-            let transport = Transport { scene: &scene, settings: &settings };
+            let transport = Transport::new(&scene, &settings);
             let wavelengths = WavelengthSampler::uniform();
             let cameras: Vec<CameraPath> = (0..64)
                 .map(|i| {

@@ -1,7 +1,11 @@
 //! Where the paths of a group receive light that others found.
 
+use super::path::Transport;
+use super::record::Work;
 use crate::bvh::packet::Bundle;
 use crate::material::Bsdf;
+use crate::medium::phase;
+use crate::medium_stack::MediumId;
 use crate::scene::Scene;
 use diopter_light::{Ray, SampledSpectrum};
 use glam::Vec3;
@@ -13,13 +17,14 @@ pub(super) struct Receiver {
     pub point: Vec3,
     /// Where shadow rays start.
     pub origin: Vec3,
-    /// Geometric and shading normal on the side that is seen.
+    /// Geometric and shading normal on the side that is seen; 0 in a medium.
     pub ng: Vec3,
     pub ns: Vec3,
     /// Of the path up to there.
     pub throughput: SampledSpectrum,
-    /// Where all it does is to reflect diffusely.
-    pub albedo: Option<SampledSpectrum>,
+    pub lobe: Lobe,
+    /// What it is in, or what is before it.
+    pub medium: MediumId,
     pub depth: u32,
     pub time_s: f32,
     /// Whether a flash was burning.
@@ -32,28 +37,50 @@ pub(super) struct Receiver {
     pub onward: f32,
 }
 
+/// How a receiver scatters.
+#[derive(Clone, Copy)]
+pub(super) enum Lobe {
+    /// All it does is to reflect diffusely, with an albedo.
+    Diffuse(SampledSpectrum),
+    /// By its own scattering function.
+    Bsdf,
+    /// A medium scatters light into the direction along which its path came.
+    Phase { along: Vec3, asymmetry: f32 },
+}
+
 impl Receiver {
-    /// f cos θ of a direction on the side that is seen, and its density.
+    /// f cos θ of a direction on the side that is seen, and its density; in a medium the phase function.
     #[inline]
-    pub fn eval(&self, bsdf: &Bsdf, wi: Vec3) -> (SampledSpectrum, f32) {
-        match self.albedo {
-            Some(albedo) => {
+    pub fn eval(&self, bsdf: &Option<Bsdf>, wi: Vec3) -> (SampledSpectrum, f32) {
+        match (self.lobe, bsdf) {
+            (Lobe::Diffuse(albedo), _) => {
                 let density = self.ns.dot(wi).max(0.0) * std::f32::consts::FRAC_1_PI;
                 (albedo * density, density)
             }
-            None => bsdf.eval(wi),
+            (Lobe::Phase { along, asymmetry }, _) => {
+                let density = phase(along.dot(wi), asymmetry);
+                (SampledSpectrum::splat(density), density)
+            }
+            (Lobe::Bsdf, Some(bsdf)) => bsdf.eval(wi),
+            (Lobe::Bsdf, None) => (SampledSpectrum::ZERO, 0.0),
         }
     }
 
-    /// The way to a point of a surface, by its unit normal; `None` where receiver and surface do not face one another.
+    /// Whether light from a direction comes to the side that is seen.
+    #[inline]
+    pub fn faces(&self, wi: Vec3) -> bool {
+        self.ng == Vec3::ZERO || wi.dot(self.ng) > 0.0
+    }
+
+    /// The way to a point of a surface, by its unit normal, or of a medium, where that is 0; `None` where receiver and surface do not face one another.
     #[inline]
     pub fn way_to(&self, point: Vec3, normal: Vec3) -> Option<Way> {
         let to_point = point - self.point;
         let squared = to_point.length_squared();
         let distance = squared.sqrt();
         let wi = to_point / distance;
-        let facing = -wi.dot(normal);
-        (facing > 0.0 && wi.dot(self.ng) > 0.0).then(|| Way { wi, distance, geometry: facing / squared })
+        let facing = if normal == Vec3::ZERO { 1.0 } else { -wi.dot(normal) };
+        (facing > 0.0 && self.faces(wi)).then(|| Way { wi, distance, geometry: facing / squared })
     }
 
     /// A shadow ray to a point, and how far that is, m.
@@ -84,7 +111,7 @@ pub(super) struct Way {
     pub wi: Vec3,
     /// How far it is, m.
     pub distance: f32,
-    /// Solid angle of an area there, 1/m².
+    /// Solid angle of an area there, 1/m²; in a medium, of one that faces the receiver.
     pub geometry: f32,
 }
 
@@ -101,7 +128,7 @@ impl Sight {
     #[inline]
     pub fn of(
         &mut self,
-        scene: &Scene,
+        transport: &Transport,
         receivers: &[Receiver],
         among: Range<usize>,
         finder: usize,
@@ -118,15 +145,19 @@ impl Sight {
                 self.shadow_rays.push(ray);
             }
         }
-        scene.may_be_occluded_many(&self.shadow_rays, bundle, &mut self.hidden);
+        if let Some(work) = transport.work {
+            let cast = self.shadow_rays.len() as u32;
+            work.update(|work| Work { reuse_rays: work.reuse_rays + cast, ..work });
+        }
+        transport.scene.may_be_occluded_many(&self.shadow_rays, bundle, &mut self.hidden);
         let mut hidden = self.hidden.iter();
         self.seeing.retain(|number| receivers[*number].path == finder || hidden.next() == Some(&false));
         &self.seeing
     }
 }
 
-/// The receivers of a group, in the order of their paths, and their scattering functions.
+/// The receivers of a group, in the order of their paths, and the scattering functions of surfaces.
 pub(super) struct Receivers<'a> {
     pub all: Vec<Receiver>,
-    pub bsdfs: Vec<Bsdf<'a>>,
+    pub bsdfs: Vec<Option<Bsdf<'a>>>,
 }

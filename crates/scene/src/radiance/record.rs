@@ -8,6 +8,7 @@ use crate::scene::Scene;
 use diopter_light::SampledSpectrum;
 use diopter_light::polarization::Stokes;
 use glam::Vec3;
+use std::cell::Cell;
 
 /// What is recorded of the light along a camera path, at its four wavelengths, W·m⁻²·sr⁻¹·nm⁻¹.
 pub trait Record: Copy {
@@ -36,9 +37,18 @@ pub struct RadianceAndDirect;
 #[derive(Clone, Copy, Debug)]
 pub struct RadianceAndCaustics;
 
-/// All light, and how often the path was scattered: how much work it was.
+/// All light, and how much work it was. The work of paths that reuse light is that of the first of them.
 #[derive(Clone, Copy, Debug)]
-pub struct RadianceAndEvents;
+pub struct RadianceAndWork;
+
+/// What was done for the light of paths.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Rays along which paths went on.
+    pub segments: u32,
+    /// Shadow rays between what one path found and others that could have found it.
+    pub reuse_rays: u32,
+}
 
 /// The Stokes vectors of all light at each of the four wavelengths ([`diopter_light::polarization`]), all of it by the paths: without light paths and
 /// [`CameraPath::emitter_mis`]. Q, U and V are 0 on the mean where nothing polarises. I is, sample by sample, [`Radiance`] where no two events of the path polarise; elsewhere it
@@ -53,12 +63,12 @@ impl Record for Radiance {
     type Light = SampledSpectrum;
 
     fn trace(self, scene: &Scene, paths: &[CameraPath], settings: &PathSettings) -> Vec<SampledSpectrum> {
-        let transport = Transport { scene, settings };
+        let transport = Transport::new(scene, settings);
         paths.iter().map(|path| transport.follow(path, SampledSpectrum::ZERO)).collect()
     }
 
     fn trace_groups(self, scene: &Scene, groups: [&[CameraPath]; 2], settings: &PathSettings) -> Vec<SampledSpectrum> {
-        Transport { scene, settings }.follow_groups(groups, || SampledSpectrum::ZERO)
+        Transport::new(scene, settings).follow_groups(groups, || SampledSpectrum::ZERO)
     }
 }
 
@@ -66,12 +76,12 @@ impl Record for RadianceAndDirect {
     type Light = [SampledSpectrum; 2];
 
     fn trace(self, scene: &Scene, paths: &[CameraPath], settings: &PathSettings) -> Vec<[SampledSpectrum; 2]> {
-        let transport = Transport { scene, settings };
+        let transport = Transport::new(scene, settings);
         paths.iter().map(|path| transport.follow(path, DirectTally::default()).both()).collect()
     }
 
     fn trace_groups(self, scene: &Scene, groups: [&[CameraPath]; 2], settings: &PathSettings) -> Vec<[SampledSpectrum; 2]> {
-        let tallies = Transport { scene, settings }.follow_groups(groups, DirectTally::default);
+        let tallies = Transport::new(scene, settings).follow_groups(groups, DirectTally::default);
         tallies.into_iter().map(DirectTally::both).collect()
     }
 }
@@ -80,23 +90,26 @@ impl Record for RadianceAndCaustics {
     type Light = [SampledSpectrum; 2];
 
     fn trace(self, scene: &Scene, paths: &[CameraPath], settings: &PathSettings) -> Vec<[SampledSpectrum; 2]> {
-        let transport = Transport { scene, settings };
+        let transport = Transport::new(scene, settings);
         let both = |CausticTally { all, gathered }| [all, gathered];
         paths.iter().map(|path| both(transport.follow(path, CausticTally::default()))).collect()
     }
 }
 
-impl Record for RadianceAndEvents {
-    type Light = (SampledSpectrum, u32);
+impl Record for RadianceAndWork {
+    type Light = (SampledSpectrum, Work);
 
-    fn trace(self, scene: &Scene, paths: &[CameraPath], settings: &PathSettings) -> Vec<(SampledSpectrum, u32)> {
-        let transport = Transport { scene, settings };
-        let both = |camera| {
-            let mut path = transport.begin(camera, SampledSpectrum::ZERO);
-            transport.follow_to_end(&mut path);
-            (path.tally, path.vertex)
-        };
-        paths.iter().map(both).collect()
+    fn trace(self, scene: &Scene, paths: &[CameraPath], settings: &PathSettings) -> Vec<(SampledSpectrum, Work)> {
+        let work = Cell::new(Work::default());
+        let transport = Transport { work: Some(&work), ..Transport::new(scene, settings) };
+        paths.iter().map(|path| (transport.follow(path, SampledSpectrum::ZERO), work.take())).collect()
+    }
+
+    fn trace_groups(self, scene: &Scene, groups: [&[CameraPath]; 2], settings: &PathSettings) -> Vec<(SampledSpectrum, Work)> {
+        let work = Cell::new(Work::default());
+        let transport = Transport { work: Some(&work), ..Transport::new(scene, settings) };
+        let lights = transport.follow_groups(groups, || SampledSpectrum::ZERO);
+        lights.into_iter().map(|light| (light, work.take())).collect()
     }
 }
 
@@ -104,7 +117,7 @@ impl Record for StokesVectors<'_> {
     type Light = [Stokes; 4];
 
     fn trace(self, scene: &Scene, paths: &[CameraPath], settings: &PathSettings) -> Vec<[Stokes; 4]> {
-        let transport = Transport { scene, settings };
+        let transport = Transport::new(scene, settings);
         let stokes = |(path, axis): (&CameraPath, &Vec3)| {
             let alone = CameraPath { light_paths: LightPaths::default(), emitter_mis: None, ..*path };
             transport.follow(&alone, Polarized::seen_along(*axis)).stokes

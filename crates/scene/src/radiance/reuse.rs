@@ -10,60 +10,30 @@
 //! What a receiver itself sees of the environment is lent, too ([`super::reuse_sky`]). Light of lamps and of the sky at a donor is lent by the density of the donor: all that broad lobes (`BROAD_ALPHA`) send on, and what narrow ones send on from lamps without extent; the rest serves its own path alone. Light that further
 //! surfaces send to a donor that is not diffuse is lent by all lobes, by the joint density of the donor and of the direction in which its path went on: towards one receiver a narrow lobe may well send what was drawn for another. Alone are also
 //! directions through a surface, and donors behind panes, faces of media and surfaces that let rays through by chance: a shadow ray that meets any of them is blocked, as the path that found a donor met none.
+//! In media that are the same everywhere scattering events are receivers and donors, too.
 //! Why so, with figures: `docs/decisions/path-reuse.md`.
 
 use super::CameraPath;
-use super::path::{Arrival, Next, Path, Transport};
-use super::receiver::{Receiver, Receivers, Sight, Way};
+use super::donor::{BROAD_ALPHA, BROAD_ASYMMETRY, Donor, Found, Scatterer, Sent, is_untilted};
+use super::path::{Arrival, MediumVertex, Next, Path, Place, Transport};
+use super::receiver::{Lobe, Receiver, Receivers, Sight, Way};
 use super::reuse_extent::{LightLevel, mean, within};
 use super::reuse_lamps::LampSample;
 use super::reuse_sky::SkySample;
-use super::tally::Divisible;
+use super::tally::{Divisible, Tally};
 use crate::bvh::packet::Bundle;
-use crate::material::{Bsdf, Coverage, Material, Orientation, Scatter};
+use crate::material::{Coverage, Scatter};
+use crate::medium::Sigma;
+use crate::medium_stack::MediumId;
 use crate::scene::{Object, Scene, Shape};
-use crate::shape::{Surface, offset_origin};
+use crate::shape::offset_origin;
 use diopter_light::random::Dimensions;
-use diopter_light::{SampledSpectrum, SampledWavelengths};
+use diopter_light::{Ray, SampledSpectrum};
 use glam::Vec3;
-
-/// Least GGX width of broad microfacets: what narrower ones reflect towards another receiver is not what the path was sampled for.
-const BROAD_ALPHA: f32 = 0.2;
-
-/// Least cosine to the shading normal under which a scattering function of a diffuse surface is the same from all sides (`LocalFrame::new` tilts the normal below).
-const UNTILTED: f32 = 0.01;
-
-/// Albedo that surfaces are taken to have where it is decided to how many paths they lend.
-const TYPICAL_ALBEDO: f32 = 0.4;
 
 /// Throughput by which roulette decides on the path of a donor, over that behind the donor: it serves many. Products of error and time by 0.5, 1, 2, 4 and 16, over those before it was the path's own throughput:
 /// classroom 0.89, 0.74, 0.60, 0.60, 0.67; staircase 0.91, 0.83, 0.82, 0.87, 0.97.
 const ROULETTE_THROUGHPUT: f32 = 2.0;
-
-/// A surface that a path of the group found behind its receiver.
-struct Donor<'a> {
-    path: usize,
-    surface: Surface,
-    material: &'a Material,
-    /// Where shadow rays end.
-    end: Vec3,
-    /// Geometric normal on the side of the receiver, and the shading normal.
-    ng: Vec3,
-    ns: Vec3,
-    wavelengths: &'a SampledWavelengths,
-    hero_only: bool,
-    /// Its scattering function, which is turned to each receiver, where that takes more than a diffuse albedo.
-    bsdf: Option<Box<(Bsdf<'a>, Orientation)>>,
-    /// Light that was found there: of a lamp, where the path went on, and of a lamp in a mirror.
-    found: [Found; 3],
-    /// What of it goes to its own receiver, and to the others, too: radiance.
-    radiance: SampledSpectrum,
-    /// Whether that is the same to all sides.
-    is_diffuse: bool,
-    /// Where it does more than to reflect diffusely: unit direction in which its path went on, and the radiance that arrives from surfaces there, not of what they emit. Depends on the direction
-    /// towards the receiver by the scattering function alone, and is lent by the joint density of the donor and of that direction.
-    further: Option<(Vec3, SampledSpectrum)>,
-}
 
 /// What the paths of a group lend one another, and where they receive it.
 struct Group<'a> {
@@ -96,7 +66,7 @@ impl<T: Divisible> Followed<'_, T> {
         sky.iter().for_each(|sample| of_sky[sample.path] += sample.brightness());
         donors.iter().for_each(|donor| of_donors[donor.path] += donor.brightness() + donor.further_brightness());
         let [mut direct, mut all] = [LightLevel::default(); 2];
-        donors.iter().filter(|donor| donor.bsdf.is_some()).for_each(|donor| all.add_glossy(donor.brightness()));
+        donors.iter().filter(|donor| donor.is_glossy()).for_each(|donor| all.add_glossy(donor.brightness()));
         lamps.iter().filter(|sample| sample.depth == 0).for_each(|sample| direct.add_lamp(mean(sample.own)));
         let mut left = receivers.all.iter().peekable();
         for (path, tally) in tallies.iter().enumerate() {
@@ -123,33 +93,12 @@ struct Suspended<T> {
     density: f32,
     /// Whether light from further surfaces is lent by all lobes.
     is_joint: bool,
-}
-
-/// Light that was found at a donor.
-#[derive(Clone, Copy, Default)]
-struct Found {
-    /// Unit direction from which it comes.
-    wi: Vec3,
-    /// Radiance over the density of the direction.
-    light: SampledSpectrum,
-    /// Whether narrow lobes are lent, too. Not where it could have been found in two ways, of which narrow lobes decide how much each counts; and what was drawn for one direction is noise in another.
-    through_narrow: bool,
-}
-
-impl Found {
-    /// f cos θ of what is lent.
-    #[inline]
-    fn response(&self, bsdf: &Bsdf) -> SampledSpectrum {
-        match self.light == SampledSpectrum::ZERO {
-            true => SampledSpectrum::ZERO,
-            false if self.through_narrow => bsdf.eval(self.wi).0,
-            false => bsdf.eval_broad(self.wi, BROAD_ALPHA),
-        }
-    }
+    /// Whether what shines where it goes to next is the path's own.
+    keeps_emission: bool,
 }
 
 impl Scene {
-    /// Whether paths of several pixels may lend one another light ([`Scene::trace_groups`]): nothing moves or flickers, there is no fog around, and there are no splats or soft strands, which rays go through by chance.
+    /// Whether paths of several pixels may lend one another light ([`Scene::trace_groups`]): nothing moves or flickers, what is around is the same everywhere, and there are no splats or soft strands, which rays go through by chance.
     pub fn lets_paths_be_reused(&self) -> bool {
         let is_certain = |object: &Object| {
             let material = self.material_at(object.material);
@@ -159,12 +108,15 @@ impl Scene {
                 _ => true,
             }
         };
-        self.air().is_none() && !self.moves() && !self.flickers() && self.description().objects.iter().all(is_certain)
+        self.air().is_none_or(|air| air.medium.volume.is_none())
+            && !self.moves()
+            && !self.flickers()
+            && self.description().objects.iter().all(is_certain)
     }
 }
 
 impl<'a> Transport<'a> {
-    /// Follows the paths of two groups, of which each lends light among itself, where it may: among those of the same wavelengths, without light paths. How many a light is lent to goes by the light of the other
+    /// Follows the paths of two groups, of which each lends light among itself, where it may: among those of the same wavelengths, without connections to light paths. How many a light is lent to goes by the light of the other
     /// group ([`super::reuse_extent`]); without another one to all.
     pub fn follow_groups<T: Divisible>(&self, groups: [&'a [CameraPath<'a>]; 2], tally: impl Fn() -> T) -> Vec<T> {
         let mut followed = groups.map(|cameras| {
@@ -197,20 +149,22 @@ impl<'a> Transport<'a> {
             // What other ways bring goes by more than one event: it must not decide how far direct light is lent.
             path.keep_apart();
             let mut hit = self.find_hit(&path);
-            let next = self.arrive(&mut path, hit.as_mut(), |path, here| {
+            let next = self.arrive(&mut path, hit.as_mut(), |path, place| {
+                let here = match place {
+                    Place::Surface(here) => here,
+                    Place::Medium(here) => {
+                        at_rough = true;
+                        return self.receive_in_medium(path, &here, number, receivers);
+                    }
+                };
                 at_rough = !here.bsdf.is_specular();
-                let (throughput, depth) = (path.throughput, path.depth());
-                // Where roulette could end the path here, the density of what it finds would be another.
-                let receives = at_rough
-                    && path.vertex + 1 < path.roulette_depth
-                    && path.medium_stack.is_outside()
-                    && !here.bsdf.is_fiber()
-                    && !here.surface.is_strand();
+                let (throughput, depth, medium) = (path.throughput, path.depth(), path.medium_stack.medium(self.scene));
+                let receives = at_rough && self.may_receive(path) && !here.bsdf.is_fiber() && !here.surface.is_strand();
                 let next = self.scatter_light(path, &here.vertex());
                 if receives {
                     let Arrival { surface, bsdf, .. } = here;
-                    let (point, ng, ns, albedo) =
-                        (surface.point, bsdf.side_normal(), bsdf.shading_normal(), bsdf.diffuse_albedo());
+                    let (point, ng, ns) = (surface.point, bsdf.side_normal(), bsdf.shading_normal());
+                    let lobe = bsdf.diffuse_albedo().map_or(Lobe::Bsdf, Lobe::Diffuse);
                     let (origin, lights) = (offset_origin(point, ng), self.scene.lights());
                     let sky_probability = lights.environment_probability(point, bsdf.light_normal(), path.flash);
                     receivers.all.push(Receiver {
@@ -220,7 +174,8 @@ impl<'a> Transport<'a> {
                         ng,
                         ns,
                         throughput,
-                        albedo,
+                        lobe,
+                        medium,
                         depth,
                         time_s,
                         flash: path.flash,
@@ -228,11 +183,11 @@ impl<'a> Transport<'a> {
                         direct: 0.0,
                         onward: 0.0,
                     });
-                    receivers.bsdfs.push(bsdf);
+                    receivers.bsdfs.push(Some(bsdf));
                 }
                 next
             });
-            if let Some(receiver) = receivers.all.get(before) {
+            if let Some(receiver) = receivers.all.get(before).filter(|receiver| self.is_in_vacuum(receiver)) {
                 sky.extend(self.take_sky_sample(&mut path, receiver));
                 lamps.extend(self.take_lamp_sample(&mut path, receiver));
             }
@@ -249,54 +204,79 @@ impl<'a> Transport<'a> {
         let Some(receiver) = receivers.all.get(before) else { return self.follow_on(path) };
         // A surface may also be a mirror, by chance, or let light through.
         let was_rough = path.last.is_some_and(|last| last.point == receiver.point);
-        if !was_rough || path.ray.direction.dot(receiver.ng) <= 0.0 {
+        if !was_rough || !receiver.faces(path.ray.direction) {
             return self.follow_on(path);
         }
         let mut hit = self.find_hit(&path);
-        if hit.is_none()
-            && let Some(sample) = self.scattered_to_sky(&path, receiver)
-        {
-            sky.push(sample);
-            self.see_discs(&mut path);
-            return path.tally;
-        }
-        if let Some(sample) = hit.as_ref().and_then(|surface| self.scattered_to_lamp(&path, receiver, surface)) {
-            lamps.push(sample);
-            path.leaves_out_emission = true;
+        if self.is_in_vacuum(receiver) {
+            if hit.is_none()
+                && let Some(sample) = self.scattered_to_sky(&path, receiver)
+            {
+                sky.push(sample);
+                self.see_discs(&mut path);
+                return path.tally;
+            }
+            if let Some(sample) = hit.as_ref().and_then(|surface| self.scattered_to_lamp(&path, receiver, surface)) {
+                lamps.push(sample);
+                path.leaves_out_emission = true;
+            }
         }
         let (mut donor, mut suspended) = (None, None);
         let blends = self.scene.has_blends();
-        let next = self.arrive(&mut path, hit.as_mut(), |path, here| {
-            let end = offset_origin(here.surface.point, here.bsdf.side_normal());
-            let lends =
-                here.bsdf.only_reflects() && !here.bsdf.is_specular() && !here.surface.is_strand() && !here.material.is_mixed();
+        let mut next = self.arrive(&mut path, hit.as_mut(), |path, place| {
+            let end = match &place {
+                Place::Surface(here) => offset_origin(here.surface.point, here.bsdf.side_normal()),
+                Place::Medium(here) => here.segment.point(&here.on),
+            };
             // The path itself may have gone through a blended surface.
-            if !lends || blends && receiver.may_not_see(self.scene, end) {
-                return self.scatter_light(path, &here.vertex());
+            if !may_be_donor(path, &place) || blends && receiver.may_not_see(self.scene, end) {
+                return self.scatter_at(path, place);
             }
-            let next = self.scatter_apart(path, &here, number, &mut donor, &mut suspended);
-            if let (Some(donor), None) = (&mut donor, here.bsdf.diffuse_albedo()) {
-                donor.bsdf = Some(Box::new((here.bsdf, here.material.orientation(here.surface))));
+            let (next, mut found, kept) = match &place {
+                Place::Surface(here) => self.scatter_apart(path, here, number),
+                Place::Medium(here) => self.scatter_apart_in_medium(path, here, number),
+            };
+            if let (Scatterer::Surface { bsdf, .. }, Place::Surface(here)) = (&mut found.scatterer, place)
+                && here.bsdf.diffuse_albedo().is_none()
+            {
+                *bsdf = Some(Box::new((here.bsdf, here.material.orientation(here.surface))));
             }
+            (donor, suspended) = (Some(found), kept);
             next
         });
         path.leaves_out_emission = false;
         self.connect_to_light(&mut path);
-        let (mut next, mut before_surface) = (next, None);
+        let (mut before_surface, mut emitted) = (None, SampledSpectrum::ZERO);
         if suspended.as_ref().is_some_and(|suspended: &Suspended<T>| suspended.is_joint) {
             while next == Next::GoesOn && before_surface.is_none() {
                 let mut hit = self.find_hit(&path);
-                next = self.arrive(&mut path, hit.as_mut(), |path, here| {
+                next = self.arrive(&mut path, hit.as_mut(), |path, place| {
                     // Light through glass and over mirrors was found in two ways, of which narrow lobes decide how much each counts.
-                    let in_two_ways =
-                        self.scene.may_pass(here.surface.object) || self.mirror_of_light_samples(path, here.surface).is_some();
-                    if !here.bsdf.is_specular() || !in_two_ways {
+                    let in_two_ways = match &place {
+                        Place::Surface(here) if here.bsdf.is_specular() => {
+                            self.scene.may_pass(here.surface.object) || self.mirror_of_light_samples(path, here.surface).is_some()
+                        }
+                        _ => false,
+                    };
+                    if !in_two_ways {
                         before_surface = Some(std::mem::take(&mut path.tally));
                     }
-                    self.scatter_light(path, &here.vertex())
+                    self.scatter_at(path, place)
                 });
                 self.connect_to_light(&mut path);
             }
+        }
+        if suspended.as_ref().is_some_and(|suspended| suspended.keeps_emission) {
+            path.emission_apart = Some(SampledSpectrum::ZERO);
+            while next == Next::GoesOn && path.emission_apart.is_some() {
+                let mut hit = self.find_hit(&path);
+                next = self.arrive(&mut path, hit.as_mut(), |path, place| {
+                    emitted = path.emission_apart.take().unwrap_or_default();
+                    self.scatter_at(path, place)
+                });
+                self.connect_to_light(&mut path);
+            }
+            emitted += path.emission_apart.take().unwrap_or_default();
         }
         let tally = if next == Next::Ended { path.tally } else { self.follow_on(path) };
         let Some(mut donor) = donor else { return tally };
@@ -310,80 +290,193 @@ impl<'a> Transport<'a> {
                 }
                 donor.found[1].light = light;
                 donor.radiance += broad * light;
-                tally_before.add(throughput * narrow * light, depth + 1);
+                tally_before.add(throughput * (narrow * light + broad * emitted), depth + 1);
                 tally_before
             }
         };
-        let is_lit = |light: SampledSpectrum| light != SampledSpectrum::ZERO;
-        if donor.further.is_some_and(|(_, light)| is_lit(light)) || donor.found.iter().any(|found| is_lit(found.light)) {
+        if donor.is_lit() {
             donors.push(donor);
         }
         tally
     }
 
-    /// Light at a donor, and where the path goes on from there: what is found from now on is the donor's, and the path's own tally is kept in `suspended`, unless a mirror was drawn.
+    /// Adds the light that a medium scatters into the ray, and sends the path on; where it may, it is a receiver there.
+    fn receive_in_medium<T: Tally>(
+        &self,
+        path: &mut Path<'a, T>,
+        here: &MediumVertex<'a>,
+        number: usize,
+        receivers: &mut Receivers<'a>,
+    ) -> Next {
+        let MediumVertex { segment, on } = here;
+        let (throughput, point) = (path.throughput, segment.point(on));
+        if self.may_receive(path) && segment.may_scatter(throughput) {
+            receivers.all.push(Receiver {
+                path: number,
+                point,
+                origin: point,
+                ng: Vec3::ZERO,
+                ns: Vec3::ZERO,
+                throughput,
+                lobe: Lobe::Phase { along: segment.ray.direction, asymmetry: segment.medium.asymmetry },
+                medium: path.medium_stack.medium(self.scene),
+                depth: path.depth(),
+                time_s: path.ray.time_s,
+                flash: path.flash,
+                sky_probability: 0.0,
+                direct: 0.0,
+                onward: 0.0,
+            });
+            receivers.bsdfs.push(None);
+        }
+        self.scatter_in_medium(path, here)
+    }
+
+    /// Whether a path may receive light where it is.
+    fn may_receive<T: Tally>(&self, path: &Path<'a, T>) -> bool {
+        let medium = self.scene.medium(path.medium_stack.medium(self.scene));
+        let lets_light_through = match medium {
+            None => !path.medium_stack.is_in_body(),
+            Some(medium) => medium.scatters_homogeneously() || !path.medium_stack.is_in_body() && medium.only_absorbs(),
+        };
+        // Where roulette could end the path here, the density of what it finds would be another.
+        path.vertex + 1 < path.roulette_depth && lets_light_through
+    }
+
+    /// Whether nothing stands between a receiver and what it sees but surfaces.
+    fn is_in_vacuum(&self, receiver: &Receiver) -> bool {
+        self.scene.medium(receiver.medium).is_none()
+    }
+
+    /// Light at a donor, and where the path goes on from there: what is found from now on is the donor's, and the path's own tally is kept, unless a mirror was drawn.
     fn scatter_apart<T: Divisible>(
         &self,
         path: &mut Path<'a, T>,
         here: &Arrival<'_, 'a>,
         number: usize,
-        donor: &mut Option<Donor<'a>>,
-        suspended: &mut Option<Suspended<T>>,
-    ) -> Next {
+    ) -> (Next, Donor<'a>, Option<Suspended<T>>) {
         let (vertex, bsdf) = (here.vertex(), &here.bsdf);
         let [light_numbers, scatter_numbers] =
             path.camera.sampler.get_two([Dimensions::Light(path.vertex), Dimensions::Scatter(path.vertex)]);
         let throughput = std::mem::replace(&mut path.throughput, SampledSpectrum::ONE);
         let mut tally_before = std::mem::take(&mut path.tally);
-        let (depth, chosen) = (path.depth(), self.choose_light(path, &vertex, light_numbers, None, false));
+        let is_diffuse = bsdf.diffuse_albedo().is_some() && is_untilted(bsdf.shading_normal(), vertex.wo);
+        let (depth, mut even) = (path.depth(), SampledSpectrum::ZERO);
+        if let Some(photons) = path.camera.light_paths.photons {
+            self.gather(path, &vertex, photons);
+            let light = std::mem::take(&mut path.tally).all();
+            match is_diffuse {
+                true => even = light,
+                false => tally_before.add_photons(throughput * light, depth + 2),
+            }
+        }
+        let chosen = self.choose_light(path, &vertex, light_numbers, None, false);
         self.connect_to_light(path);
         let light = std::mem::take(&mut path.tally).all();
         let by_light = chosen.map_or(Found::default(), |c| Found { wi: c.wi, light, through_narrow: !c.has_extent });
         let wi = self.add_mirrored_light(path, &vertex, false);
         let light = std::mem::take(&mut path.tally).all();
         let mirrored = wi.map_or(Found::default(), |wi| Found { wi, light, through_narrow: false });
-        let mut radiance = SampledSpectrum::ZERO;
-        for (found, events) in [(&by_light, 1), (&mirrored, 2)] {
+        let (mut near_lamp, mut joint) = (Found::default(), None);
+        if let Some((medium, span)) = path.medium_stack.span(self.scene, &path.ray, here.surface.t) {
+            let response = |wi: Vec3| {
+                let (f, density) = bsdf.eval(wi);
+                (if f == SampledSpectrum::ZERO { f } else { SampledSpectrum::ONE }, density)
+            };
+            let add = |_: &mut T, light: SampledSpectrum, _, wi| near_lamp = Found { wi, light, through_narrow: false };
+            joint = self.sample_jointly(path, &vertex, medium, span, response, add);
+        }
+        let mut radiance = even;
+        for (found, events) in [(&by_light, 1), (&mirrored, 2), (&near_lamp, 2)] {
             let broad = found.response(bsdf);
             radiance += broad * found.light;
             if found.light != SampledSpectrum::ZERO && !found.through_narrow {
                 tally_before.add(throughput * (bsdf.eval(found.wi).0 - broad) * found.light, depth + events);
             }
         }
-        let donor = donor.insert(Donor {
+        let mut donor = Donor {
             path: number,
-            surface: *here.surface,
-            material: here.material,
+            point: here.surface.point,
             end: offset_origin(here.surface.point, vertex.ng),
             ng: vertex.ng,
-            ns: bsdf.shading_normal(),
+            scatterer: Scatterer::Surface {
+                surface: *here.surface,
+                material: here.material,
+                ns: bsdf.shading_normal(),
+                hero_only: path.hero_only,
+                is_diffuse,
+                bsdf: None,
+            },
             wavelengths: &path.camera.wavelengths,
-            hero_only: path.hero_only,
-            bsdf: None,
-            is_diffuse: bsdf.diffuse_albedo().is_some() && bsdf.shading_normal().dot(vertex.wo) >= UNTILTED,
-            found: [by_light, Found::default(), mirrored],
+            found: [by_light, Found::default(), mirrored, near_lamp],
+            even,
             radiance,
             further: None,
-        });
+        };
         let Some(scatter) = bsdf.sample(scatter_numbers) else {
             path.tally = tally_before;
-            return Next::Ended;
+            return (Next::Ended, donor, None);
         };
         let u = scatter_numbers[3];
         let broad = bsdf.eval_broad(scatter.wi, BROAD_ALPHA);
-        let is_joint = bsdf.diffuse_albedo().is_none();
-        if scatter.specular || !is_joint && broad == SampledSpectrum::ZERO {
+        let is_even = bsdf.diffuse_albedo().is_some();
+        if scatter.specular || is_even && broad == SampledSpectrum::ZERO {
             (path.tally, path.throughput) = (tally_before, throughput);
-            return self.go_along(path, &vertex, scatter, u, None, None);
+            return (self.go_along(path, &vertex, scatter, u, None, joint), donor, None);
         }
         donor.found[1].wi = scatter.wi;
         let all = scatter.weight * scatter.pdf;
         let narrow = (all - broad).max(SampledSpectrum::ZERO);
-        *suspended = Some(Suspended { tally_before, depth, throughput, broad, narrow, density: scatter.pdf, is_joint });
+        // What a medium scatters near lamps was found in two ways, one of which knows the donor alone.
+        let is_joint = !is_even && joint.is_none();
+        let density = scatter.pdf;
+        let suspended = Suspended { tally_before, depth, throughput, broad, narrow, density, is_joint, keeps_emission: false };
         // The same for whoever found the donor.
         path.eta_scale *= ROULETTE_THROUGHPUT * scatter.weight.max_element() * scatter.pdf;
         let weight = SampledSpectrum::splat(1.0 / scatter.pdf);
-        self.go_along(path, &vertex, Scatter { weight, ..scatter }, u, None, None)
+        (self.go_along(path, &vertex, Scatter { weight, ..scatter }, u, None, joint), donor, Some(suspended))
+    }
+
+    /// The same where a medium scatters the path. Light of lamps that are seen from there stays the path's own: its weight depends on the segment to there, on which other ways look for it.
+    fn scatter_apart_in_medium<T: Divisible>(
+        &self,
+        path: &mut Path<'a, T>,
+        here: &MediumVertex<'a>,
+        number: usize,
+    ) -> (Next, Donor<'a>, Option<Suspended<T>>) {
+        let MediumVertex { segment, on } = here;
+        let (point, depth) = (segment.point(on), path.depth());
+        segment.add_lamp(on, path.throughput, &mut path.tally);
+        let mut near_lamp = Found::default();
+        let add = |light: SampledSpectrum, _: u32, wi: Vec3| near_lamp = Found { wi, light, through_narrow: false };
+        let joint = segment.add_joint(on, SampledSpectrum::ONE, |_| SampledSpectrum::ONE, add);
+        let (wi, density) = segment.sample_phase();
+        let donor = Donor {
+            path: number,
+            point,
+            end: point,
+            ng: Vec3::ZERO,
+            scatterer: Scatterer::Medium { asymmetry: segment.medium.asymmetry },
+            wavelengths: segment.wavelengths,
+            found: [Found::default(), Found { wi, ..Found::default() }, Found::default(), near_lamp],
+            even: SampledSpectrum::ZERO,
+            radiance: near_lamp.light * segment.phase(near_lamp.wi),
+            further: None,
+        };
+        let suspended = Suspended {
+            tally_before: std::mem::take(&mut path.tally),
+            depth,
+            throughput: path.throughput,
+            broad: SampledSpectrum::splat(density),
+            narrow: SampledSpectrum::ZERO,
+            density,
+            is_joint: false,
+            keeps_emission: true,
+        };
+        // The same for whoever found the donor.
+        path.throughput = SampledSpectrum::splat(1.0 / density);
+        path.eta_scale *= ROULETTE_THROUGHPUT * segment.medium.at(segment.wavelengths).albedo().max_element() * density;
+        (self.go_on_in_medium(path, here, (wi, density), joint), donor, Some(suspended))
     }
 
     /// Adds what all donors bring to all receivers.
@@ -395,22 +488,24 @@ impl<'a> Transport<'a> {
             let own = &receivers.all[own];
             lent.clear();
             let part = |brightness| level.part_for_surface(brightness, donor.path, tallies.len());
-            let of_donor = match donor.bsdf.is_none() {
-                true => part(donor.brightness()),
-                false => level.part_for_glossy(donor.path, tallies.len()),
+            let of_donor = match donor.is_glossy() {
+                false => part(donor.brightness()),
+                true => level.part_for_glossy(donor.path, tallies.len()),
             };
             let jointly = if donor.further.is_some() { part(donor.further_brightness()) } else { of_donor.clone() };
             let either = within(&receivers.all, if jointly.len() > of_donor.len() { &jointly } else { &of_donor });
-            let faces =
-                |receiver: &Receiver| receiver.depth == own.depth && receiver.way_to(donor.surface.point, donor.ng).is_some();
+            let faces = |receiver: &Receiver| {
+                receiver.depth == own.depth && receiver.medium == own.medium && receiver.way_to(donor.point, donor.ng).is_some()
+            };
             let shadow_ray = |receiver: &Receiver| faces(receiver).then(|| receiver.ray_to(donor.end));
             let bundle = Bundle::Towards(donor.end);
-            let seeing = sight.of(self.scene, &receivers.all, either, donor.path, bundle, shadow_ray);
+            let seeing = sight.of(self, &receivers.all, either, donor.path, bundle, shadow_ray);
+            let between = MediumBetween::new(self.scene, own.medium, donor);
             // Of the donor, and of it and the direction in which its path went on.
             let (mut density, mut joint_density) = (0.0, 0.0);
             for &number in seeing {
                 let receiver = &receivers.all[number];
-                let Some(Way { wi, geometry, .. }) = receiver.way_to(donor.surface.point, donor.ng) else { continue };
+                let Some(Way { wi, distance, geometry }) = receiver.way_to(donor.point, donor.ng) else { continue };
                 // Only where nothing hides it does the scattering function count: most of what it costs.
                 let (f, pdf) = receiver.eval(&receivers.bsdfs[number], wi);
                 if f == SampledSpectrum::ZERO {
@@ -418,13 +513,15 @@ impl<'a> Transport<'a> {
                 }
                 let is_own = receiver.path == donor.path;
                 let (is_lent, is_lent_jointly) = (of_donor.contains(&receiver.path), jointly.contains(&receiver.path));
-                let (radiance, further) = match donor.further.is_none() && (is_own || donor.is_alike_from(-wi)) {
-                    true => (donor.radiance, (SampledSpectrum::ZERO, 0.0)),
-                    false => self.radiance_towards(donor, -wi),
+                let Sent { radiance, further } = donor.sent(-wi, is_own);
+                let (left, reaches) = match &between {
+                    None => (SampledSpectrum::ONE, 1.0),
+                    Some(between) => between.left(receiver, wi, distance, receiver.throughput * f),
                 };
-                density += if is_lent { pdf * geometry } else { 0.0 };
-                joint_density += if is_lent_jointly { pdf * geometry * further.1 } else { 0.0 };
-                let to_film = receiver.throughput * f * geometry;
+                let found = pdf * geometry * reaches;
+                density += if is_lent { found } else { 0.0 };
+                joint_density += if is_lent_jointly { found * further.1 } else { 0.0 };
+                let to_film = receiver.throughput * f * left * geometry;
                 let counted = |counts: bool, light: SampledSpectrum| if counts { to_film * light } else { SampledSpectrum::ZERO };
                 lent.push((receiver.path, [counted(is_lent, radiance), counted(is_lent_jointly, further.0)]));
             }
@@ -438,67 +535,64 @@ impl<'a> Transport<'a> {
             }
         }
     }
+}
 
-    /// Radiance from a donor towards `wo` that is lent by the density of the donor; what is lent by the joint density, and the density of the further direction.
-    #[inline(never)]
-    fn radiance_towards(&self, donor: &mut Donor<'a>, wo: Vec3) -> (SampledSpectrum, (SampledSpectrum, f32)) {
-        let (material, wavelengths) = (donor.material, donor.wavelengths);
-        match &mut donor.bsdf {
-            Some(turned) => {
-                let (bsdf, orientation) = &mut **turned;
-                material.turn(bsdf, &donor.surface, *orientation, wo, wavelengths);
-                lent_by(&donor.found, donor.further, bsdf)
+/// A homogeneous medium between receivers and a donor.
+struct MediumBetween<'a> {
+    scene: &'a Scene,
+    id: MediumId,
+    sigma: Sigma,
+    /// Whether the medium is what scatters at the donor.
+    ends_in_it: bool,
+}
+
+impl<'a> MediumBetween<'a> {
+    /// `None` where there is none.
+    fn new(scene: &'a Scene, id: MediumId, donor: &Donor<'_>) -> Option<Self> {
+        let (medium, ends_in_it) = (scene.medium(id)?, matches!(donor.scatterer, Scatterer::Medium { .. }));
+        Some(MediumBetween { scene, id, sigma: medium.at(donor.wavelengths), ends_in_it })
+    }
+
+    /// What of the donor's light comes to a receiver, for a donor in the medium over a metre; and the probability that a path comes as far from there that carries so much, or its density, 1/m.
+    #[inline]
+    fn left(&self, receiver: &Receiver, wi: Vec3, distance: f32, carried: SampledSpectrum) -> (SampledSpectrum, f32) {
+        let sigma = &self.sigma;
+        let inside = match self.id {
+            MediumId::Air => {
+                let ray = Ray { origin: receiver.origin, direction: wi, time_s: receiver.time_s };
+                self.scene.air().and_then(|air| air.span(&ray, distance)).map_or(0.0, |[near, far]| far - near)
             }
-            None => match material.bsdf(&donor.surface, wo, wavelengths, donor.hero_only, None) {
-                Some(bsdf) => lent_by(&donor.found, donor.further, &bsdf),
-                None => (SampledSpectrum::ZERO, (SampledSpectrum::ZERO, 0.0)),
-            },
+            _ => distance,
+        };
+        let left = sigma.transmittance(inside);
+        match self.ends_in_it {
+            true => (left * sigma.scattering, sigma.density(inside, carried)),
+            false if sigma.scattering == SampledSpectrum::ZERO => (left, 1.0),
+            false => (left, (carried / carried.element_sum()).dot(left)),
         }
     }
 }
 
-/// What a scattering function sends on of the light that was found there, by the density of the donor, and by the joint density; the density of the further direction.
-fn lent_by(
-    found: &[Found; 3],
-    further: Option<(Vec3, SampledSpectrum)>,
-    bsdf: &Bsdf,
-) -> (SampledSpectrum, (SampledSpectrum, f32)) {
-    let further = further.map_or((SampledSpectrum::ZERO, 0.0), |(wi, light)| {
-        let (f, density) = bsdf.eval(wi);
-        (f * light, density)
-    });
-    (found.iter().map(|found| found.response(bsdf) * found.light).sum(), further)
-}
-
-impl Donor<'_> {
-    /// Mean radiance towards all sides, where that is the same.
-    #[inline]
-    fn brightness(&self) -> f32 {
-        mean(self.radiance)
-    }
-
-    /// About the mean radiance that it sends on from its further direction, divided by the density of that.
-    #[inline]
-    fn further_brightness(&self) -> f32 {
-        self.further.map_or(0.0, |(_, light)| TYPICAL_ALBEDO * mean(light))
-    }
-
-    /// Whether its light towards `wo` is that towards its own receiver.
-    #[inline]
-    fn is_alike_from(&self, wo: Vec3) -> bool {
-        self.is_diffuse && self.ns.dot(wo) >= UNTILTED
+/// Whether what a path finds at a place may be lent.
+fn may_be_donor<T: Tally>(path: &Path<T>, place: &Place) -> bool {
+    match place {
+        Place::Surface(Arrival { surface, material, bsdf, .. }) => {
+            bsdf.only_reflects() && !bsdf.is_specular() && !surface.is_strand() && !material.is_mixed()
+        }
+        Place::Medium(MediumVertex { segment, .. }) => {
+            segment.medium.scatters_homogeneously()
+                && segment.medium.asymmetry.abs() <= BROAD_ASYMMETRY
+                && segment.may_scatter(path.throughput)
+        }
     }
 }
 
-/// Whether paths carry the same wavelengths and know nothing of light paths. Behind lenses that disperse each ray has its own weight of the hero where a body disperses, too: they are to be the same
+/// Whether paths carry the same wavelengths and are not connected with light paths. Behind lenses that disperse each ray has its own weight of the hero where a body disperses, too: they are to be the same
 /// within 2 %, by which light behind such bodies may be off.
 fn may_lend(cameras: &[CameraPath], scene: &Scene) -> bool {
     let first = &cameras[0].wavelengths;
     let same_hero = |camera: &CameraPath| (camera.wavelengths.hero_only().x / first.hero_only().x - 1.0).abs() < 0.02;
     cameras.iter().all(|camera| {
-        camera.light_paths.photons.is_none()
-            && camera.light_paths.vertices.is_none()
-            && camera.wavelengths.nm == first.nm
-            && (!scene.may_disperse() || same_hero(camera))
+        camera.light_paths.vertices.is_none() && camera.wavelengths.nm == first.nm && (!scene.may_disperse() || same_hero(camera))
     })
 }

@@ -84,7 +84,7 @@ impl<'a> Transport<'a> {
             let shadow_ray = |receiver: &Receiver| faces(receiver).then(|| receiver.ray_towards(sample.wi));
             let (among, bundle) = (within(&receivers.all, &part), Bundle::Along(sample.wi));
             let mut density = 0.0;
-            for &number in sight.of(self.scene, &receivers.all, among, sample.path, bundle, shadow_ray) {
+            for &number in sight.of(self, &receivers.all, among, sample.path, bundle, shadow_ray) {
                 let receiver = &receivers.all[number];
                 let (f, pdf) = receiver.eval(&receivers.bsdfs[number], sample.wi);
                 if f == SampledSpectrum::ZERO {

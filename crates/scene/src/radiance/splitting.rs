@@ -6,7 +6,7 @@
 //!
 //! Source: Arvo & Kirk 1990, "Particle transport and image synthesis", SIGGRAPH (splitting, Russian roulette). Measured: `docs/decisions/clear-glass.md`.
 
-use super::path::{Next, Path, SurfaceVertex, Transport};
+use super::path::{Next, Path, Place, SurfaceVertex, Transport};
 use super::tally::Tally;
 use crate::material::Scatter;
 use crate::shape::Surface;
@@ -77,7 +77,8 @@ impl<'a> Transport<'a> {
 
     /// The same as far as one surface.
     pub(super) fn pass_specular<T: Tally>(&self, path: &mut Path<'a, T>, hit: Option<&mut Surface>, stream: &mut Stream) -> Next {
-        self.arrive(path, hit, |path, here| {
+        self.arrive(path, hit, |path, place| {
+            let Place::Surface(here) = place else { return self.scatter_at(path, place) };
             let vertex = here.vertex();
             let [choice, roulette] = [stream.draw(), stream.draw()];
             let scatter = vertex.bsdf.sample([0.5, 0.5, choice, roulette]).filter(|scatter| scatter.specular);

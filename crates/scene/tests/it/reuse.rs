@@ -4,11 +4,12 @@ use diopter_image::Raster;
 use diopter_light::random::{Dimensions, Sampler, SamplerKind};
 use diopter_light::wavelength::WavelengthSampler;
 use diopter_light::{Ray, SampledSpectrum, Spectrum};
+use diopter_scene::bvh::Bounds;
 use diopter_scene::light::{Environment, Punctual, PunctualKind};
 use diopter_scene::light_paths::{CausticSettings, Caustics, Lamps, LightPaths};
 use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{Conductor, Coverage, Interior, Material, Principled, Scattering, Transmission};
-use diopter_scene::medium::Medium;
+use diopter_scene::medium::{Air, Coefficient, Medium};
 use diopter_scene::radiance::CameraPath;
 use diopter_scene::radiance::record::{Radiance, RadianceAndDirect};
 use diopter_scene::shape::{Mesh, Quad, Sphere};
@@ -156,15 +157,32 @@ fn lent_light_has_the_mean_of_paths_alone() {
     clear.objects.retain(|object| object.name != "fog");
     clear.materials[10] = Material::new("no fog", Scattering::Black);
     let clear = Scene::build(clear).unwrap();
-    assert!(with_fog.lets_paths_be_reused() && clear.lets_paths_be_reused());
+    // Haze of a colour all around, but not below the ceiling; more pointed, everywhere.
+    let in_air = |asymmetry: f32, bounds: Option<Bounds>| {
+        let scattering = Coefficient::from_rgb(Vec3::new(0.3, 0.5, 0.9), 1.0);
+        let medium = Medium { scattering, absorption: Coefficient::grey(0.1), asymmetry, ..Medium::fog(4.0, 0.8, 0.0) };
+        Scene::build(Description { air: Some(Air { medium, bounds }), ..description() }).unwrap()
+    };
+    let low = Bounds { min: Vec3::new(-1.8, -1.5, -3.0), max: Vec3::new(2.2, 0.7, 2.5) };
+    let (even_haze, haze, pointed) = (in_air(0.0, None), in_air(0.3, Some(low)), in_air(0.7, None));
+    assert!([&with_fog, &clear, &haze].iter().all(|scene| scene.lets_paths_be_reused()));
+    let photons_of = |scene| Caustics::new(scene, CausticSettings { lamps: Lamps::All, photons: 1 << 12, ..Default::default() });
+    let caustics = [&with_fog, &even_haze].map(|scene| photons_of(scene).unwrap());
+    let photons = caustics.each_ref().map(|caustics| caustics.map(0, 0));
     // Long paths, and short ones, in which each event that is counted wrongly shows.
-    for (scene, rgb, settings, samples) in [
-        (&with_fog, false, PathSettings::default(), 800),
-        (&with_fog, true, PathSettings { max_depth: 2, roulette_depth: 5 }, 800),
-        (&with_fog, true, PathSettings { max_depth: 6, roulette_depth: 2 }, 400),
-        (&clear, true, PathSettings { max_depth: 3, roulette_depth: 5 }, 800),
-        (&clear, false, PathSettings::default(), 400),
+    for (scene, photons, rgb, settings, samples) in [
+        (&with_fog, None, false, PathSettings::default(), 800),
+        (&with_fog, None, true, PathSettings { max_depth: 2, roulette_depth: 5 }, 800),
+        (&with_fog, None, true, PathSettings { max_depth: 6, roulette_depth: 2 }, 400),
+        (&clear, None, true, PathSettings { max_depth: 3, roulette_depth: 5 }, 800),
+        (&clear, None, false, PathSettings::default(), 400),
+        (&with_fog, Some(&photons[0]), true, PathSettings { max_depth: 4, roulette_depth: 5 }, 200),
+        (&even_haze, None, false, PathSettings { max_depth: 3, roulette_depth: 5 }, 300),
+        (&even_haze, Some(&photons[1]), true, PathSettings::default(), 100),
+        (&haze, None, false, PathSettings { max_depth: 3, roulette_depth: 5 }, 300),
+        (&pointed, None, false, PathSettings { max_depth: 4, roulette_depth: 3 }, 100),
     ] {
+        let light_paths = LightPaths::of_photons(photons);
         let (mut all, mut differs) = ([0.0f64; 3], 0);
         let mut z2 = 0.0;
         for cell in 0..30 {
@@ -172,7 +190,10 @@ fn lent_light_has_the_mean_of_paths_alone() {
             let (mut sum, mut squares, mut light) = (0.0f64, 0.0f64, [0.0f64; 2]);
             for sample in 0..samples {
                 // What is dim beside the light of the other group is lent within halves, which see different things.
-                let groups = [0, samples].map(|first| group(cell, first + sample, rgb));
+                let groups = [0, samples].map(|first| {
+                    let with = |path| CameraPath { light_paths, ..path };
+                    group(cell, first + sample, rgb).into_iter().map(with).collect::<Vec<_>>()
+                });
                 let lent = scene.trace_groups([&groups[0], &groups[1]], Radiance, &settings);
                 let alone = groups.iter().flat_map(|group| scene.trace(group, Radiance, &settings)).collect();
                 let [lent, alone] = [lent, alone].map(|all: Vec<SampledSpectrum>| {
@@ -356,8 +377,6 @@ fn what_is_seen_through_a_gap_is_lent() {
 fn direct_light_is_that_of_paths_of_one_event_and_groups_that_may_not_lend_are_paths_alone() {
     let scene = Scene::build(Description { environment: None, ..description() }).unwrap();
     let settings = PathSettings::default();
-    let caustics = Caustics::new(&scene, CausticSettings { lamps: Lamps::All, photons: 1 << 12, ..Default::default() }).unwrap();
-    let photons = caustics.map(0, 0);
     let drawn = WavelengthSampler::uniform();
     let mut differ = 0;
     for cell in 0..30 {
@@ -371,10 +390,9 @@ fn direct_light_is_that_of_paths_of_one_event_and_groups_that_may_not_lend_are_p
         let all: Vec<SampledSpectrum> = both.iter().map(|[all, _]| *all).collect();
         assert_eq!(scene.trace_groups([&paths, &[]], Radiance, &settings), all, "cell {cell}");
         differ += u32::from(all != scene.trace(&paths, Radiance, &settings));
-        let with_photons = paths.iter().map(|p| CameraPath { light_paths: LightPaths::of_photons(Some(&photons)), ..*p });
         let of_other_colors =
             paths.iter().enumerate().map(|(k, p)| CameraPath { wavelengths: drawn.sample(k as f32 / 16.0), ..*p });
-        for paths in [with_photons.collect::<Vec<_>>(), of_other_colors.collect(), paths[..1].to_vec(), Vec::new()] {
+        for paths in [of_other_colors.collect::<Vec<_>>(), paths[..1].to_vec(), Vec::new()] {
             assert_eq!(
                 scene.trace_groups([&paths, &[]], Radiance, &settings),
                 scene.trace(&paths, Radiance, &settings),
