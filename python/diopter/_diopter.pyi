@@ -261,7 +261,7 @@ class RawImage:
 
 @final
 class Picture:
-    def __new__(cls, array: _F32, space: str, encoding: str) -> Picture: ...
+    def __new__(cls, array: _F32, space: str, encoding: str, facts: str | None = None) -> Picture: ...
     @property
     def array(self) -> _F32: ...
     @property
@@ -314,7 +314,7 @@ def read_out(
     seed: int = 1,
     serial: str | None = None,
     temperature_c: float | None = None,
-    white: str = "D65",
+    white: str | None = None,
     threads: int | None = None,
 ) -> RawImage: ...
 def expected(

@@ -412,7 +412,13 @@ class Picture:
     def __reduce__(self) -> tuple[Any, ...]:
         import numpy as np
 
-        return (Picture, (np.array(self.array), self.space, self.encoding))
+        return (_picture_again, (np.array(self.array), self.space, self.encoding, self._native.facts))
+
+
+def _picture_again(
+    array: npt.NDArray[np.float32], space: str, encoding: str, facts: str | None
+) -> Picture:
+    return Picture._of(_diopter.Picture(array, space, encoding, facts))
 
 
 #: Memory of the processor, as DLPack numbers devices (``kDLCPU``).

@@ -298,7 +298,7 @@ def read_out(
     seed: int = 1,
     serial: str | None = None,
     temperature_c: float | None = None,
-    white: str = "D65",
+    white: str | None = None,
     threads: int | None = None,
 ) -> RawImage:
     """Reads a focal plane out: shot noise, dark current, read noise, gain, fixed pattern, converter.
@@ -307,9 +307,9 @@ def read_out(
         body: The one the plane was exposed with without.
         iso: The one the camera was set to without.
         seed: Of what is new each time.
-        serial: Serial number of the body: what stays is drawn from it.
-        temperature_c: The data sheet's without.
-        white: Illuminant that the camera takes for white: D65, A ...
+        serial: Serial number of the body: what stays is drawn from it; the camera's without.
+        temperature_c: What the camera was set to, or the data sheet's, without.
+        white: Illuminant that the camera takes for white: D65, A ...; what the camera was set to, or D65, without.
     """
     native = None if body is None else Body.of(body)._native
     raw = _diopter.read_out(plane._native, native, iso, seed, serial, temperature_c, white, threads)

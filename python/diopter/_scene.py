@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Sequence
@@ -154,7 +155,8 @@ class Scene:
 
     def _step(self, method: str, **arguments: Any) -> Scene:
         getattr(self, "_do_" + method)(**arguments)
-        self._steps.append((method, arguments))
+        # As it is now: whoever gave arrays may change them.
+        self._steps.append((method, copy.deepcopy(arguments)))
         return self
 
     def _material(self, material: Material) -> int:

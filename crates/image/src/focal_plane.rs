@@ -154,6 +154,23 @@ pub fn bytes_a_pixel(bands: usize) -> usize {
     2 * 4 * bands + truth
 }
 
+/// Even and odd samples that a plane holds: those of the first half exposure, and of the second.
+fn halves_of(facts: &ExposureFacts) -> [f64; 2] {
+    let odd = facts.first_sample.saturating_add(facts.samples) / 2 - facts.first_sample / 2;
+    [f64::from(facts.samples - odd), f64::from(odd)]
+}
+
+/// What the mean and the half difference of a part count for in the half difference of the whole, by their numbers of even and odd samples: that is half of what the means of all even and of all odd samples differ by. Of
+/// samples of one half only it is their mean, with the sign of the half.
+fn half_weights([even, odd]: [f64; 2], [all_even, all_odd]: [f64; 2]) -> [f64; 2] {
+    let part = |samples: f64, all: f64| if all > 0.0 { samples / all } else { 0.0 };
+    let sides = [part(even, all_even), part(odd, all_odd)];
+    match all_even > 0.0 && all_odd > 0.0 {
+        false => [sides[0] - sides[1], 0.0],
+        true => [0.5 * (sides[0] - sides[1]), even * odd / (even + odd).max(1.0) * (1.0 / all_even + 1.0 / all_odd)],
+    }
+}
+
 /// A focal plane that is read or made from the top, strip by strip: no more of it is in memory than is asked for.
 pub trait FocalPlaneSource {
     /// Its bands.
@@ -312,11 +329,18 @@ impl<S: FocalPlaneSource> FocalPlaneSource for Merged<S> {
         let mut sums = [vec![-0.0f64; numbers], vec![-0.0f64; numbers]];
         let (mut whole, mut truth): (_, Option<Truth>) = (None, None);
         let mut so_far = 0.0;
+        let halves = self.parts.iter().map(|part| halves_of(part.facts()));
+        let halves = halves.fold([0.0; 2], |[even, odd], part| [even + part[0], odd + part[1]]);
         for (k, part) in self.parts.iter_mut().enumerate() {
             let mut strip = part.next_rows(rows)?;
             let samples = f64::from(part.facts().samples);
-            for (sums, values) in sums.iter_mut().zip([&strip.mean, &strip.half_difference]) {
-                sums.iter_mut().zip(&values.data).for_each(|(sum, v)| *sum += f64::from(*v) * samples);
+            let [of_mean, of_half] = half_weights(halves_of(part.facts()), halves);
+            let [means, differences] = &mut sums;
+            for ((mean, half), (m, h)) in
+                means.iter_mut().zip(differences).zip(strip.mean.data.iter().zip(&strip.half_difference.data))
+            {
+                *mean += f64::from(*m) * samples;
+                *half += f64::from(*m) * of_mean + f64::from(*h) * of_half;
             }
             let own = std::mem::replace(&mut strip.truth, Truth::empty(0, 0)).only(&self.recorded);
             match &mut truth {
@@ -335,9 +359,9 @@ impl<S: FocalPlaneSource> FocalPlaneSource for Merged<S> {
         }
         let mut whole = whole.expect("the part that was given first is one of the parts");
         whole.truth = truth.expect("there is a part");
-        for (sums, values) in sums.iter().zip([&mut whole.mean, &mut whole.half_difference]) {
-            values.data.iter_mut().zip(sums).for_each(|(v, sum)| *v = (sum / self.total) as f32);
-        }
+        let [means, differences] = &sums;
+        whole.mean.data.iter_mut().zip(means).for_each(|(v, sum)| *v = (sum / self.total) as f32);
+        whole.half_difference.data.iter_mut().zip(differences).for_each(|(v, sum)| *v = *sum as f32);
         whole.facts = self.facts.clone();
         Ok(whole)
     }
@@ -419,6 +443,43 @@ mod tests {
             + f64::from(parts[0].mean.data[50]) * 3.0)
             / 10.0;
         assert_eq!(whole.mean.data[50], by_hand as f32);
+    }
+
+    #[test]
+    fn parts_of_odd_samples_merge_to_the_whole() {
+        // Samples of a pixel as they are summed: mean, and half of what the means of even and odd ones differ by.
+        let value = |sample: u32| 3.0 + (f64::from(sample) * 1.7).sin();
+        let plane = |first: u32, end: u32| {
+            let mean_of = |odd: u32| {
+                let half: Vec<f64> = (first..end).filter(|k| k % 2 == odd).map(value).collect();
+                (!half.is_empty()).then(|| half.iter().sum::<f64>() / half.len() as f64)
+            };
+            let mean = (first..end).map(value).sum::<f64>() / f64::from(end - first);
+            let half = match [mean_of(0), mean_of(1)] {
+                [Some(even), Some(odd)] => 0.5 * (even - odd),
+                [None, _] => -mean,
+                [_, None] => mean,
+            };
+            let raster = |v: f64| Raster { data: vec![v as f32], ..Raster::new(1, 1, 1) };
+            FocalPlane {
+                bands: vec![Band { name: "A".into(), unit: BandUnit::Electrons }],
+                mean: raster(mean),
+                half_difference: raster(half),
+                truth: Truth::empty(1, 1),
+                facts: ExposureFacts { first_sample: first, samples: end - first, ..Default::default() },
+            }
+        };
+        let whole = plane(0, 16);
+        for cuts in [&[0, 8, 16][..], &[0, 5, 16], &[0, 3, 6, 9, 12, 16], &[0, 1, 2, 3, 16], &[0, 15, 16]] {
+            let parts: Vec<FocalPlane> = cuts.windows(2).map(|c| plane(c[0], c[1])).collect();
+            let merged = FocalPlane::merge(&parts).unwrap();
+            for (found, expected) in [(&merged.mean, &whole.mean), (&merged.half_difference, &whole.half_difference)] {
+                assert!((found.data[0] - expected.data[0]).abs() < 1e-5, "{cuts:?}: {} {}", found.data[0], expected.data[0]);
+            }
+        }
+        // One half alone.
+        let odd = FocalPlane::merge(&[plane(1, 2), plane(3, 4)]).unwrap();
+        assert_eq!(odd.half_difference.data[0], -odd.mean.data[0]);
     }
 
     #[test]

@@ -40,11 +40,11 @@ pub struct ExposureFacts {
     pub iso: f64,
     /// ISO speed the camera was set to before read-out; 0 when not known.
     pub iso_set: f64,
-    /// Temperature of the sensor, °C; `None` before read-out.
+    /// Temperature of the sensor, °C; of a plane what the camera was set to, `None` when nobody said.
     pub temperature_c: Option<f64>,
     /// Seed of the noise of the read-out; 0 before.
     pub noise_seed: u64,
-    /// Illuminant taken for white; empty before read-out.
+    /// Illuminant taken for white; of a plane what the camera was set to, empty when nobody said.
     pub white: String,
     /// When it was taken, `YYYY:MM:DD HH:MM:SS`, UTC; `None` when nobody looked at a clock.
     pub date: Option<String>,
@@ -114,6 +114,7 @@ impl ExposureFacts {
     pub fn of_picture(&self) -> ExposureFacts {
         ExposureFacts {
             focus_mode: String::new(),
+            serial: String::new(),
             iso: 0.0,
             iso_set: 0.0,
             temperature_c: None,

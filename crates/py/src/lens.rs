@@ -3,8 +3,8 @@
 use crate::arrays::slice;
 use crate::background;
 use crate::errors::PythonError;
-use diopter::lens::analysis::Bench as Analysis;
 use diopter::lens::analysis::zernike::{self, Numbering};
+use diopter::lens::analysis::{Bench as Analysis, Mtf};
 use diopter::lens::batch::{double, single};
 use diopter::lens::compound::{Configured, FilmPlace, configure};
 use diopter::lens::paraxial::FirstOrder;
@@ -19,6 +19,10 @@ use pyo3::types::PyDict;
 use rayon::prelude::*;
 use std::path::PathBuf;
 use std::sync::OnceLock;
+use std::sync::atomic::Ordering;
+
+/// Frequencies of a modulation transfer function that are computed before it is asked whether to go on.
+const FREQUENCIES_AT_ONCE: usize = 64;
 
 /// Points, their centroid, and three sizes, as the stub names them.
 type Spot<'py> = (Bound<'py, PyArray2<f64>>, [f64; 2], f64, f64, f64);
@@ -378,9 +382,26 @@ impl Bench {
             return Err(PythonError::value("frequency", bad.to_string(), "0 to 10000 cycles/mm").into());
         }
         let colors: Vec<(f64, f64)> = wavelengths.iter().map(|nm| (*nm, 1.0)).collect();
-        let found = background::run(py, None, None, |_| match geometric {
-            true => self.analysis().geometric_mtf(field_deg, &colors, &frequencies, defocus_mm),
-            false => self.analysis().diffraction_mtf(field_deg, &colors, &frequencies, defocus_mm),
+        // As many frequencies at a time as take a moment: what Ctrl-C waits for.
+        let found = background::run(py, None, None, |watch| {
+            let mut whole: Option<Mtf> = None;
+            for frequencies in frequencies.chunks(FREQUENCIES_AT_ONCE) {
+                let part = match geometric {
+                    true => self.analysis().geometric_mtf(field_deg, &colors, frequencies, defocus_mm),
+                    false => self.analysis().diffraction_mtf(field_deg, &colors, frequencies, defocus_mm),
+                }?;
+                match &mut whole {
+                    None => whole = Some(part),
+                    Some(whole) => {
+                        whole.tangential.extend(part.tangential);
+                        whole.sagittal.extend(part.sagittal);
+                    }
+                }
+                if watch.cancel.load(Ordering::Relaxed) {
+                    break;
+                }
+            }
+            whole
         })?;
         let mtf = found.ok_or_else(|| no_light(field_deg))?;
         Ok((PyArray1::from_vec(py, mtf.tangential), PyArray1::from_vec(py, mtf.sagittal), mtf.geometric))
@@ -391,12 +412,13 @@ impl Bench {
     fn distortion<'py>(&self, py: Python<'py>, fields_deg: Vec<f64>, nm: f64) -> PyResult<Bound<'py, PyArray2<f64>>> {
         self.check_nm(nm)?;
         fields_deg.iter().try_for_each(|f| check_field(*f))?;
-        let rows = background::run(py, None, None, |_| {
+        let rows = background::run(py, None, None, |watch| {
             let row = |field: &f64| match self.analysis().field_point(*field, nm) {
                 Some(p) => [*field, p.height, p.ideal_height, p.distortion_percent(), p.focus[0], p.focus[1]],
                 None => [*field, f64::NAN, f64::NAN, f64::NAN, f64::NAN, f64::NAN],
             };
-            fields_deg.iter().flat_map(row).collect::<Vec<f64>>()
+            let goes_on = |_: &&f64| !watch.cancel.load(Ordering::Relaxed);
+            fields_deg.iter().take_while(goes_on).flat_map(row).collect::<Vec<f64>>()
         })?;
         PyArray1::from_vec(py, rows).reshape([fields_deg.len(), 6])
     }
@@ -483,12 +505,13 @@ impl Bench {
         if let Some(bad) = heights_mm.iter().find(|h| !h.is_finite()) {
             return Err(PythonError::value("height", bad.to_string(), "finite numbers, mm").into());
         }
-        let rows = background::run(py, None, None, |_| {
+        let rows = background::run(py, None, None, |watch| {
             let row = |height: &f64| {
                 let light = self.analysis().illumination(*height, nm);
                 [*height, light.geometric, light.with_losses]
             };
-            heights_mm.iter().flat_map(row).collect::<Vec<f64>>()
+            let goes_on = |_: &&f64| !watch.cancel.load(Ordering::Relaxed);
+            heights_mm.iter().take_while(goes_on).flat_map(row).collect::<Vec<f64>>()
         })?;
         PyArray1::from_vec(py, rows).reshape([heights_mm.len(), 3])
     }

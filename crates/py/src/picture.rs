@@ -46,14 +46,17 @@ fn name_of<T: PartialEq>(value: &T, all: &[(&'static str, T)]) -> &'static str {
 
 #[pymethods]
 impl Picture {
-    /// From codes `[row][column][3]`.
+    /// From codes `[row][column][3]`, and how it was taken, as [`Picture::facts`] gives it.
     #[new]
-    fn new(array: PyReadonlyArrayDyn<'_, f32>, space: &str, encoding: &str) -> PyResult<Picture> {
+    #[pyo3(signature = (array, space, encoding, facts=None))]
+    fn new(array: PyReadonlyArrayDyn<'_, f32>, space: &str, encoding: &str, facts: Option<&str>) -> PyResult<Picture> {
+        let facts = facts.map(serde_json::from_str).transpose();
+        let facts = facts.map_err(|e| PythonError::value("facts", e.to_string(), "those of a picture"))?;
         let picture = image::Picture {
             pixels: to_raster(&array, "array", 3)?,
             space: named("space", space, &SPACES)?,
             encoding: named("encoding", encoding, &ENCODINGS)?,
-            facts: None,
+            facts,
         };
         Ok(Picture { picture: Arc::new(picture) })
     }

@@ -15,7 +15,7 @@ use diopter::sensor::Sensor;
 use numpy::PyReadonlyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use std::io::Cursor;
+use std::io::{Cursor, Write};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -25,6 +25,17 @@ pub struct FocalPlane {
     pub plane: Arc<image::FocalPlane>,
     /// The body it was exposed with, where that is in memory.
     pub sensor: Option<Arc<Sensor>>,
+}
+
+impl FocalPlane {
+    /// The bytes of its file: the same plane is the same bytes.
+    fn file(&self) -> Result<Vec<u8>, PythonError> {
+        let mut to = Cursor::new(Vec::new());
+        exr::write_focal_plane(&self.plane, &mut to)?;
+        let mut bytes = to.into_inner();
+        exr::sort_attributes(&mut bytes)?;
+        Ok(bytes)
+    }
 }
 
 #[pymethods]
@@ -138,8 +149,10 @@ impl FocalPlane {
         if files::ending(&path) != "exr" {
             return Err(PythonError::value("path", path.display().to_string(), "a name that ends in .exr").into());
         }
-        let written =
-            background::run(py, None, None, |_| files::write(&path, |to| Ok(exr::write_focal_plane(&self.plane, to)?)))?;
+        let written = background::run(py, None, None, |_| -> Result<_, PythonError> {
+            let bytes = self.file()?;
+            files::write(&path, |to| to.write_all(&bytes).map_err(|e| PythonError::file(&path, e)))
+        })?;
         Ok(written?)
     }
 
@@ -154,11 +167,7 @@ impl FocalPlane {
 
     /// The bytes of its file.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let bytes = background::run(py, None, None, |_| -> Result<_, PythonError> {
-            let mut to = Cursor::new(Vec::new());
-            exr::write_focal_plane(&self.plane, &mut to)?;
-            Ok(to.into_inner())
-        })?;
+        let bytes = background::run(py, None, None, |_| self.file())?;
         Ok(PyBytes::new(py, &bytes?))
     }
 

@@ -172,22 +172,22 @@ fn reading(
     seed: u64,
     serial: Option<String>,
     temperature_c: Option<f64>,
-    white: &str,
+    white: Option<&str>,
 ) -> Reading {
     // What the camera was set to, if it is this body that reads.
-    let set = if own { plane.plane.facts.iso_set } else { 0.0 };
+    let own = Some(&plane.plane.facts).filter(|_| own);
     Reading {
-        iso: sensor.resolve_iso(iso, set),
+        iso: sensor.resolve_iso(iso, own.map_or(0.0, |facts| facts.iso_set)),
         seed,
-        serial: serial.unwrap_or_else(|| Reading::FIRST_SERIAL.into()),
-        temperature_c,
-        white: white.into(),
+        serial: Reading::serial_of(serial.as_deref(), own),
+        temperature_c: temperature_c.or(own.and_then(|facts| facts.temperature_c)),
+        white: Reading::white_of(white, own),
     }
 }
 
 /// Reads a plane out.
 #[pyfunction]
-#[pyo3(signature = (plane, body=None, iso=None, seed=1, serial=None, temperature_c=None, white="D65", threads=None))]
+#[pyo3(signature = (plane, body=None, iso=None, seed=1, serial=None, temperature_c=None, white=None, threads=None))]
 pub fn read_out(
     py: Python<'_>,
     plane: &Bound<'_, FocalPlane>,
@@ -196,13 +196,13 @@ pub fn read_out(
     seed: u64,
     serial: Option<String>,
     temperature_c: Option<f64>,
-    white: &str,
+    white: Option<&str>,
     threads: Option<usize>,
 ) -> PyResult<RawImage> {
     let plane = plane.get();
     let (sensor, own) = body_of(plane, body)?;
     let reading = reading(plane, (&sensor, own), iso, seed, serial, temperature_c, white);
-    let white = white_point(white).map_err(PythonError::from)?;
+    let white = white_point(&reading.white).map_err(PythonError::from)?;
     let raw = background::run(py, threads, None, |_| diopter::sensor::read_out(&plane.plane, &sensor, &reading, &white))?;
     Ok(RawImage { raw: Arc::new(raw.map_err(PythonError::from)?) })
 }
@@ -224,7 +224,7 @@ pub fn expected<'py>(
 ) -> PyResult<Expected<'py>> {
     let plane = plane.get();
     let (sensor, own) = body_of(plane, body)?;
-    let reading = reading(plane, (&sensor, own), iso, 1, serial, temperature_c, "D65");
+    let reading = reading(plane, (&sensor, own), iso, 1, serial, temperature_c, None);
     let (exposed, size) = (&plane.plane, [plane.plane.width(), plane.plane.height()]);
     let rows = background::run(py, threads, None, |_| -> Result<_, SensorError> {
         let reader =

@@ -152,6 +152,10 @@ impl Scene {
             None => Color::rgb(color[0], color[1], color[2]),
             Some(texture) => {
                 let picture = to_raster(texture, "texture", 3)?;
+                if let Some(bad) = picture.data.iter().find(|v| !(0.0..=1.0).contains(*v)) {
+                    let expected = "reflectances from 0 to 1, linear sRGB (codes of a picture are to be divided and decoded)";
+                    return Err(PythonError::value("texture", bad.to_string(), expected).into());
+                }
                 let texels = picture.data.chunks_exact(3).map(|p| [p[0], p[1], p[2], 1.0]).collect();
                 let image = Arc::new(Image::linear(picture.width, picture.height, texels));
                 Color::Textured { factor: Vec3::from_array(color), texture: Texture::color(image) }
@@ -310,6 +314,9 @@ impl Scene {
     /// Surroundings: a lat-long map of linear sRGB in cd/m².
     fn set_environment(&mut self, map: PyReadonlyArrayDyn<'_, f32>, rotation_deg: f32, scale: f32) -> PyResult<()> {
         let map = to_raster(&map, "environment", 3)?;
+        if let Some(bad) = map.data.iter().find(|v| !(**v >= 0.0 && v.is_finite())) {
+            return Err(PythonError::value("environment", bad.to_string(), "finite radiance of at least 0").into());
+        }
         if !(scale >= 0.0 && scale.is_finite() && rotation_deg.is_finite()) {
             let found = format!("scale {scale}, rotation {rotation_deg}°");
             return Err(PythonError::value("environment", found, "finite numbers, the scale not negative").into());

@@ -70,6 +70,14 @@ impl Request {
             let expected = "whole pixels here: `shoot --dual-pixel` of the command line takes both photodiodes".into();
             return Err(ShotError::Value { what: "dual_pixel".into(), found: "true".into(), expected });
         }
+        for (section, is_asked) in
+            [("sequence", self.file.sequence != Default::default()), ("output", self.file.output != Default::default())]
+        {
+            if is_asked {
+                let expected = "one exposure here: series and files are the command line's (`diopter.command`)".into();
+                return Err(ShotError::Value { what: section.into(), found: format!("a section [{section}]"), expected });
+            }
+        }
         let inputs = Inputs {
             scene: self.scene.as_ref().map(|s| s.0.clone()),
             lens: self.lens.clone(),

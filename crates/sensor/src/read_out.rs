@@ -35,10 +35,28 @@ impl Reading {
     /// The serial number of a body that has no other.
     pub const FIRST_SERIAL: &str = "000001";
 
+    /// What is taken for white where nobody says another.
+    pub const USUAL_WHITE: &str = "D65";
+
+    /// The serial number that was asked for, or that a plane's camera was set to, or the first.
+    pub fn serial_of(asked: Option<&str>, plane: Option<&ExposureFacts>) -> String {
+        chosen(asked, plane.map(|facts| &*facts.serial), Self::FIRST_SERIAL)
+    }
+
+    /// The same of the illuminant that is taken for white.
+    pub fn white_of(asked: Option<&str>, plane: Option<&ExposureFacts>) -> String {
+        chosen(asked, plane.map(|facts| &*facts.white), Self::USUAL_WHITE)
+    }
+
     /// Reads at an ISO speed with a seed; D65, the sheet's temperature, the first serial number.
     pub fn new(iso: f64, seed: u64) -> Self {
-        Reading { iso, seed, serial: Self::FIRST_SERIAL.into(), temperature_c: None, white: "D65".into() }
+        Reading { iso, seed, serial: Self::FIRST_SERIAL.into(), temperature_c: None, white: Self::USUAL_WHITE.into() }
     }
+}
+
+/// What was asked for, or a plane says, or is usual.
+fn chosen(asked: Option<&str>, plane: Option<&str>, usual: &str) -> String {
+    asked.or(plane.filter(|set| !set.is_empty())).unwrap_or(usual).to_owned()
 }
 
 /// Rows of a focal plane: mean electrons `[row][column][band]`, from row `first` on.

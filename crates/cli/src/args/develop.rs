@@ -28,9 +28,9 @@ pub struct ReadOut {
     /// ISO speed; what the camera was set to, or 100, without.
     #[arg(long, value_name = "ISO", allow_hyphen_values = true)]
     pub iso: Option<Iso>,
-    /// Illuminant the camera takes for white.
-    #[arg(long, value_name = "NAME", default_value = "D65")]
-    pub white: String,
+    /// Illuminant the camera takes for white; what the camera was set to, or D65, without.
+    #[arg(long, value_name = "NAME")]
+    pub white: Option<String>,
     /// Seed of the sensor's noise.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,

@@ -83,14 +83,15 @@ pub fn run(args: &ReadOut, names: &[PathBuf], json: bool) -> anyhow::Result<()> 
     // One proves that the others can be written; thousands are not opened at once.
     let mut ready = Some(output::prepare_dng(&names[0])?);
     let truth_file = args.truth.as_deref().map(output::prepare_exr).transpose()?;
-    let white = white_point(&args.white)?;
+    let illuminant = args.white.as_deref().unwrap_or(Reading::USUAL_WHITE);
+    let white = white_point(illuminant)?;
     let (sensor, plane) = exposed(args)?;
     let reading = |k: usize| Reading {
         iso: sensor.resolve_iso(args.iso.map(|i| i.0), 0.0),
         seed: args.seed.wrapping_add(k as u64),
         serial: args.raw.serial.clone().unwrap_or_else(|| Reading::FIRST_SERIAL.into()),
         temperature_c: args.raw.temperature,
-        white: args.white.clone(),
+        white: illuminant.to_owned(),
     };
     let date = now();
     let taken = |k: usize| -> anyhow::Result<RawImage> {

@@ -40,7 +40,6 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
     // One proves that the others can be written; thousands are not opened at once.
     let mut ready = Some(output::prepare_dng(&names[0])?);
     let truth_file = args.truth.as_deref().map(output::prepare_exr).transpose()?;
-    let white = white_point(&args.white)?;
     let place = || args.plane.display().to_string();
     let first = open_rows(&args.plane)?;
     let sensor = body_of(args, &first.facts().body)?;
@@ -53,13 +52,16 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
         ));
     }
     // What the camera was set to, if it is this body that reads.
-    let set = if args.body.is_none() { first.facts().iso_set } else { 0.0 };
+    let own = Some(first.facts()).filter(|_| args.body.is_none());
+    let set = own.map_or(0.0, |facts| facts.iso_set);
+    let illuminant = Reading::white_of(args.white.as_deref(), own);
+    let white = white_point(&illuminant)?;
     let reading = |k: usize| Reading {
         iso: sensor.resolve_iso(args.iso.map(|i| i.0), set),
         seed: args.seed.wrapping_add(k as u64),
-        serial: args.raw.serial.clone().unwrap_or_else(|| Reading::FIRST_SERIAL.into()),
-        temperature_c: args.raw.temperature,
-        white: args.white.clone(),
+        serial: Reading::serial_of(args.raw.serial.as_deref(), own),
+        temperature_c: args.raw.temperature.or(own.and_then(|facts| facts.temperature_c)),
+        white: illuminant.clone(),
     };
     let asked = |e| anyhow::Error::from(UsageError(anyhow::Error::from(e).context(place())));
     let date = now();

@@ -223,7 +223,11 @@ impl Calibration {
 
     /// The error of a format that has no such model.
     fn cannot(&self, format: &str, models: &str) -> CalibrationError {
-        wrong(format, format!("the model {}", self.model.kind().name()), format!("one of {models}: choose it by --model"))
+        wrong(
+            format,
+            format!("the model {}", self.model.kind().name()),
+            format!("one of {models}: choose it by --model of `diopter lens calibrate`"),
+        )
     }
 
     /// Coefficients as OpenCV orders them, as many as OpenCV takes, and whether they are those of its fisheye module; `None` for models that OpenCV has not.

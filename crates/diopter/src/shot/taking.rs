@@ -16,7 +16,7 @@ use diopter_develop::develop;
 use diopter_image::focal_plane::{FocalPlaneSource, Truth};
 use diopter_image::{ExposureFacts, FocalPlane, Picture, Raster, RawImage};
 use diopter_lens::Lens;
-use diopter_sensor::read_out;
+use diopter_sensor::{Reading, read_out};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -240,7 +240,16 @@ impl Shot {
 
     /// Facts of a focal plane: the speed is the read-out's; what the camera was set to goes with the plane.
     pub(super) fn plane_facts(&self) -> ExposureFacts {
-        ExposureFacts { iso: 0.0, iso_set: self.reading.iso, ..self.facts() }
+        let usual = Reading::new(self.reading.iso, self.reading.seed);
+        let other = |set: &str, usual: &str| if set == usual { String::new() } else { set.to_owned() };
+        ExposureFacts {
+            iso: 0.0,
+            iso_set: self.reading.iso,
+            serial: other(&self.reading.serial, &usual.serial),
+            temperature_c: self.reading.temperature_c,
+            white: other(&self.reading.white, &usual.white),
+            ..self.facts()
+        }
     }
 
     /// The frames before and after this exposure, where truth asks for them: of a film at its own rate, of a single picture as of a film of 24 frames a second.

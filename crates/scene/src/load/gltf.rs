@@ -18,6 +18,7 @@ use crate::classes;
 use crate::light::photometry::Web;
 use crate::light::punctual::Pattern;
 use crate::light::{Punctual, PunctualKind, SpotEdge};
+use crate::load::size_of_aspect;
 use crate::load::{Fetch, finished, note_missing};
 use crate::material::{Material, Principled, Scattering};
 use crate::motion::{Local, Motion, Node};
@@ -357,12 +358,17 @@ impl<'a> Loader<'a> {
                 },
                 gltf::camera::Projection::Orthographic(o) => CameraProjection::Orthographic { height: 2.0 * o.ymag() },
             };
+            let aspect = match camera.projection() {
+                gltf::camera::Projection::Perspective(p) => p.aspect_ratio(),
+                gltf::camera::Projection::Orthographic(o) => Some(o.xmag() / o.ymag()),
+            };
+            let film = FilmHints { size: aspect.and_then(|aspect| size_of_aspect(f64::from(aspect))), ..FilmHints::default() };
             let plain = Viewpoint {
                 name: camera.name().unwrap_or(&name).to_owned(),
                 world_from_camera: Affine3A::from_rotation_translation(rotation, translation),
                 sight,
                 lens: None,
-                film: FilmHints::default(),
+                film,
                 node: Some(node.index() as u32),
             };
             self.description.cameras.push(match self.kept.cameras.remove(&node.index()) {

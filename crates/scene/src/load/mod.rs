@@ -89,6 +89,14 @@ fn measured_or_stand_in(all: &mut Vec<MissingTexture>, name: &str, bytes: Result
     }
 }
 
+/// Columns and rows of a picture of an aspect, width over height; `None` where no picture has such a shape.
+fn size_of_aspect(aspect: f64) -> Option<[usize; 2]> {
+    /// Pixels of the longer side.
+    const LONGER: f64 = 960.0;
+    let [columns, rows] = if aspect > 1.0 { [LONGER, LONGER / aspect] } else { [LONGER * aspect, LONGER] };
+    (aspect.is_finite() && aspect > 0.02 && aspect < 50.0).then(|| [columns, rows].map(|side| side.round() as usize))
+}
+
 /// Notes a picture that cannot be read, once.
 fn note_missing(all: &mut Vec<MissingTexture>, name: &str, reason: String) {
     if all.iter().all(|m| m.name != name) {

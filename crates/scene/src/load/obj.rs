@@ -25,7 +25,7 @@ const FACES: &str = "an OBJ file with faces (f ...)";
 /// warnings.
 pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
     let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
-    let bytes = &*joined_lines(bytes);
+    let bytes = &*plain_statements(bytes);
     let options = tobj::LoadOptions { triangulate: false, single_index: true, ignore_points: true, ignore_lines: true };
     let told =
         |(line, text, expected): (usize, String, &str)| error(format!("{name}: line {line}"), format!("\"{text}\""), expected);
@@ -261,6 +261,39 @@ fn material_names(bytes: &[u8]) -> (Cow<'_, [u8]>, BTreeSet<String>) {
     (out.map_or(Cow::Borrowed(bytes), Cow::Owned), names)
 }
 
+/// The statements of a file as its reader expects them: each on one line, keys of libraries followed by a space, without polylines, which it would fill, and without comments behind numbers. As many lines as before, but for
+/// those that go on after a backslash.
+pub(super) fn plain_statements(bytes: &[u8]) -> Cow<'_, [u8]> {
+    let whole = joined_lines(bytes);
+    let statement = |line: &[u8]| -> Option<Vec<u8>> {
+        let text = line.trim_ascii_start();
+        let key = text.split(u8::is_ascii_whitespace).next().unwrap_or_default();
+        let end: &[u8] = if line.ends_with(b"\n") { b"\n" } else { b"" };
+        match key {
+            b"l" => Some(end.to_vec()),
+            b"mtllib" if text.get(key.len()) == Some(&b'\t') => Some([b"mtllib ", text[key.len()..].trim_ascii(), end].concat()),
+            b"v" | b"vt" | b"vn" | b"f" => {
+                let comment = text.iter().position(|c| *c == b'#')?;
+                Some([text[..comment].trim_ascii_end(), end].concat())
+            }
+            _ => None,
+        }
+    };
+    let is_plain = |line: &[u8]| matches!(line, [b'v' | b'f', ..]) && !line.contains(&b'#');
+    let needs_change = whole.split_inclusive(|c| *c == b'\n').any(|line| !is_plain(line) && statement(line).is_some());
+    if !needs_change {
+        return whole;
+    }
+    let mut out = Vec::with_capacity(whole.len());
+    for line in whole.split_inclusive(|c| *c == b'\n') {
+        match statement(line) {
+            Some(plain) => out.extend_from_slice(&plain),
+            None => out.extend_from_slice(line),
+        }
+    }
+    Cow::Owned(out)
+}
+
 /// Lines that go on after a backslash, as one line each.
 pub(super) fn joined_lines(bytes: &[u8]) -> Cow<'_, [u8]> {
     let goes_on = |at: usize| bytes[at] == b'\\' && matches!(bytes[at + 1..], [b'\n', ..] | [b'\r', b'\n', ..]);
@@ -286,6 +319,23 @@ mod tests {
     use super::*;
     use crate::material::BumpUnit;
     use std::collections::HashMap;
+
+    #[test]
+    fn lines_are_no_faces_and_comments_stand_behind_numbers() {
+        let text = "mtllib\ta.mtl # materials\nv 0 0 0 # first\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1#x\nusemtl red\nf 1/1 2/2 3/2#y\nl 1 2 3 4\nl 1 2 3\n";
+        let asked = std::sync::Mutex::new(Vec::new());
+        let d = obj(text.as_bytes(), "t.obj", &|name| {
+            asked.lock().unwrap().push(name.to_owned());
+            Ok(b"newmtl red\nKd 1 0 0\n".to_vec())
+        });
+        let d = d.unwrap();
+        let asked = asked.into_inner().unwrap();
+        assert!(!asked.is_empty() && asked.iter().all(|name| name.starts_with("a.mtl")));
+        assert_eq!((d.objects.len(), d.meshes[0].triangles.len(), d.meshes[0].uvs[0].len()), (1, 1, 3));
+        assert_eq!(d.materials[d.objects[0].material as usize].name, "red");
+        let lines = "v 0 0 0\nv 1 0 0\nv 1 1 0\nl 1 2 3\n";
+        assert!(obj(lines.as_bytes(), "t.obj", &|_| Err("no".into())).unwrap_err().to_string().contains("no faces"));
+    }
 
     #[test]
     fn corners_beyond_the_file_are_errors_with_their_line() {

@@ -139,6 +139,17 @@ inputs_enum!(Scattering {
 pub const DEEPEST_MIX: u32 = 16;
 
 impl Scattering {
+    /// Whether it differs with the direction of the texture coordinates.
+    pub(crate) fn is_anisotropic(&self) -> bool {
+        match self {
+            Scattering::Conductor(conductor) => conductor.across.is_some(),
+            Scattering::Coated(coated) => coated.across.is_some(),
+            Scattering::Principled(principled) => principled.anisotropy.is_some(),
+            Scattering::Mix(mix) => mix.0.iter().any(Scattering::is_anisotropic),
+            _ => false,
+        }
+    }
+
     /// Parts of a mixture, those of its mixtures counted one by one, and how deep they lie.
     pub fn parts(&self) -> (usize, u32) {
         match self {

@@ -42,10 +42,10 @@ impl Material {
         filtering
     }
 
-    /// Whether something of it differs from place to place.
-    pub(crate) fn has_pictures(&self) -> bool {
+    /// Whether something of it differs from place to place, or with the direction of the texture coordinates.
+    pub(crate) fn needs_coordinates(&self) -> bool {
         let mut any = false;
         self.each_input(&mut |input| any |= input.is_picture());
-        any
+        any || self.scattering.is_anisotropic()
     }
 }

@@ -29,10 +29,20 @@ pub(super) struct Context<'a> {
 type Read<T> = Result<T, SceneError>;
 
 fn gather(node: &Arc<Node>, ids: &mut HashMap<String, Arc<Node>>) {
-    if let Some(id) = node.get("id").filter(|_| node.tag != "ref") {
+    if let Some(id) = node.get("id").filter(|_| !matches!(node.tag.as_str(), "ref" | "alias")) {
         ids.entry(id.to_owned()).or_insert_with(|| node.clone());
     }
     node.children.iter().for_each(|c| gather(c, ids));
+}
+
+/// Adds the second names of elements. Source: Mitsuba 3, `<alias id="..." as="..."/>`.
+fn gather_aliases(node: &Arc<Node>, ids: &mut HashMap<String, Arc<Node>>) {
+    if let (Some(named), Some(alias)) = (node.get("id").filter(|_| node.tag == "alias"), node.get("as"))
+        && let Some(named) = ids.get(named).cloned()
+    {
+        ids.insert(alias.to_owned(), named);
+    }
+    node.children.iter().for_each(|c| gather_aliases(c, ids));
 }
 
 impl<'a> Context<'a> {
@@ -40,6 +50,7 @@ impl<'a> Context<'a> {
     pub fn new(name: &str, fetch: Fetch<'a>, root: &Node) -> Self {
         let mut ids = HashMap::new();
         root.children.iter().for_each(|c| gather(c, &mut ids));
+        root.children.iter().for_each(|c| gather_aliases(c, &mut ids));
         Context {
             name: name.to_owned(),
             fetch,

@@ -54,6 +54,8 @@ mod tests {
     fn fetch(name: &str) -> Result<Vec<u8>, String> {
         match name {
             "t.obj" => Ok(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 0.75\nf 1/1 2/2 3/3\n".to_vec()),
+            // A roof of two faces; a group of a triangle without texture coordinates, and a line.
+            "roof.obj" => Ok(b"v 0 0 0\nv 1 0 0\nv 1 1 1\nv 0 1 1\nv 1 2 0\nv 0 2 0\nvt 0 0\nvt 1 1\ng a\nf 1/1 2/2 3/2 4/1\nf 4/1 3/2 5/2 6/1\ng b\nf 1 2 5\nl 1 2 3\n".to_vec()),
             "c.txt" => Ok(b"0 0 0 0.1\n3 0 0 0.4\n\n0 1 0 0.2\n1 1 0 0.2\n2 1 0 0.2\n3 1 0 0.2\n4 1 0 0.2\n".to_vec()),
             "l.spd" => Ok(b"# nm, value\n400 1\n500 2 # here\n\n700 4\n".to_vec()),
             "t.vol" => Ok(vol(1, &[1.0, 3.0])),
@@ -72,6 +74,47 @@ mod tests {
 
     fn read(body: &str) -> Result<Description, SceneError> {
         load(format!("<scene version='3.0.0'>\n{body}\n</scene>").as_bytes(), "s.xml", &fetch)
+    }
+
+    #[test]
+    fn meshes_without_normals_are_smoothed_and_groups_keep_what_they_have() {
+        let mesh = |more: &str| {
+            let d = read(&format!("<shape type='obj'><string name='filename' value='roof.obj'/>{more}</shape>")).unwrap();
+            d.meshes[0].clone()
+        };
+        let roof = mesh("");
+        assert_eq!(
+            (roof.triangles.len(), roof.normals.len(), roof.uvs[0].len()),
+            (5, roof.positions.len(), roof.positions.len())
+        );
+        // Along the ridge between both faces, below on one.
+        let at = |place: Vec3| {
+            let k = roof.positions.iter().position(|p| *p == place).unwrap();
+            (roof.normals[k], roof.uvs[0][k])
+        };
+        let (ridge, eaves) = (at(Vec3::new(1.0, 1.0, 1.0)), at(Vec3::ZERO));
+        assert!((ridge.0 - Vec3::Z).length() < 1e-6 && (eaves.0 - Vec3::new(0.0, -1.0, 1.0).normalize()).length() < 1e-6);
+        // Turned, as the files of this format are.
+        assert_eq!(ridge.1, Vec2::new(1.0, 0.0));
+        assert!(mesh("<boolean name='face_normals' value='true'/>").normals.is_empty());
+    }
+
+    #[test]
+    fn elements_have_second_names() {
+        let d = read(
+            "<bsdf type='diffuse' id='a'><rgb name='reflectance' value='1, 0, 0'/></bsdf><alias id='a' as='b'/><shape type='sphere'><ref id='b'/></shape>",
+        );
+        assert!(matches!(d.unwrap().materials[0].scattering, Scattering::Diffuse(_)));
+    }
+
+    #[test]
+    fn brushed_spheres_have_their_own_coordinates() {
+        let is_sphere = |alpha: &str| {
+            let bsdf = format!("<bsdf type='roughconductor'><string name='distribution' value='ggx'/>{alpha}</bsdf>");
+            matches!(read(&format!("<shape type='sphere'>{bsdf}</shape>")).unwrap().objects[0].shape, Shape::Sphere(_))
+        };
+        assert!(is_sphere("<float name='alpha' value='0.1'/>"));
+        assert!(!is_sphere("<float name='alpha_u' value='0.1'/><float name='alpha_v' value='0.4'/>"));
     }
 
     #[test]
@@ -348,6 +391,9 @@ mod tests {
         }
         let warm = light("<spectrum name='radiance' type='blackbody'><float name='temperature' value='3000'/></spectrum>");
         assert!(ratio(&warm) > 3.0, "{}", ratio(&warm));
+        // By its own radiance: Mitsuba 3.9.1 (scalar_spectral) gives a luminance of 414.5 where an even spectrum of 1 has 1.
+        let brightness = diopter_light::color::luminance(|nm| warm.at(nm));
+        assert!((brightness / 414.5 - 1.0).abs() < 0.01, "{brightness}");
         let wrong = |spectrum: &str| {
             read(&format!("<shape type='sphere'><emitter type='area'>{spectrum}</emitter></shape>")).unwrap_err().to_string()
         };

@@ -4,6 +4,7 @@ use super::tree::Node;
 use super::values::{number, vector};
 use super::wrong;
 use crate::SceneError;
+use crate::load::obj::plain_statements;
 use crate::load::pbrt::shapes::grid;
 use crate::load::{lossy, ply, unzipped};
 use crate::shape::Mesh;
@@ -98,29 +99,52 @@ pub fn read(kind: &str, bytes: Vec<u8>, part: usize) -> Result<Mesh, String> {
     }
 }
 
+/// Unit normals at the corners of triangles: the mean of those of the triangles around, by their angles there; +z where there are none. Source: Thürmer & Wüthrich 1998, "Computing Vertex Normals from Polygonal Facets".
+pub fn smooth_normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
+    let mut sums = vec![DVec3::ZERO; positions.len()];
+    for triangle in triangles {
+        let corners = triangle.map(|i| positions[i as usize].as_dvec3());
+        let Some(normal) = (corners[1] - corners[0]).cross(corners[2] - corners[0]).try_normalize() else { continue };
+        for k in 0..3 {
+            let [to_next, to_last] = [1, 2].map(|step| (corners[(k + step) % 3] - corners[k]).normalize_or_zero());
+            sums[triangle[k] as usize] += normal * to_next.dot(to_last).clamp(-1.0, 1.0).acos();
+        }
+    }
+    sums.into_iter().map(|sum| sum.normalize_or(DVec3::Z).as_vec3()).collect()
+}
+
 /// All groups of an OBJ file as one mesh.
 fn obj(bytes: &[u8]) -> Result<Mesh, String> {
+    let bytes = &*plain_statements(bytes);
     let options = tobj::LoadOptions { triangulate: true, single_index: true, ignore_points: true, ignore_lines: true };
     let (models, _) =
         tobj::load_obj_buf(&mut Cursor::new(lossy(bytes)), &options, |_| Ok(Default::default())).map_err(|e| e.to_string())?;
     let mut mesh = Mesh::default();
-    let all_have = |f: &dyn Fn(&tobj::Mesh) -> bool| models.iter().all(|m| m.mesh.indices.is_empty() || f(&m.mesh));
-    let (normals, uvs) =
-        (all_have(&|m| m.normals.len() == m.positions.len()), all_have(&|m| m.texcoords.len() / 2 == m.positions.len() / 3));
+    let has_normals = |m: &tobj::Mesh| m.normals.len() == m.positions.len();
+    let has_uvs = |m: &tobj::Mesh| m.texcoords.len() / 2 == m.positions.len() / 3;
+    let any_has = |has: &dyn Fn(&tobj::Mesh) -> bool| models.iter().any(|m| !m.mesh.indices.is_empty() && has(&m.mesh));
+    let (normals, uvs) = (any_has(&has_normals), any_has(&has_uvs));
     for model in &models {
         let m = &model.mesh;
         if m.indices.is_empty() {
             continue;
         }
         let first = mesh.positions.len() as u32;
-        mesh.positions.extend(m.positions.chunks_exact(3).map(Vec3::from_slice));
-        if normals {
-            mesh.normals.extend(m.normals.chunks_exact(3).map(|n| Vec3::from_slice(n).normalize_or(Vec3::Z)));
+        let positions: Vec<Vec3> = m.positions.chunks_exact(3).map(Vec3::from_slice).collect();
+        let triangles = m.indices.as_chunks::<3>().0;
+        // Groups that lack what others have do not take it from them.
+        match has_normals(m) {
+            true => mesh.normals.extend(m.normals.chunks_exact(3).map(|n| Vec3::from_slice(n).normalize_or(Vec3::Z))),
+            false if normals => mesh.normals.extend(smooth_normals(&positions, triangles)),
+            false => (),
         }
-        if uvs {
-            mesh.uvs[0].extend(m.texcoords.chunks_exact(2).map(Vec2::from_slice));
+        match has_uvs(m) {
+            true => mesh.uvs[0].extend(m.texcoords.chunks_exact(2).map(Vec2::from_slice)),
+            false if uvs => mesh.uvs[0].extend(positions.iter().map(|_| Vec2::ZERO)),
+            false => (),
         }
-        mesh.triangles.extend(m.indices.as_chunks::<3>().0.iter().map(|t| t.map(|i| i + first)));
+        mesh.positions.extend(positions);
+        mesh.triangles.extend(triangles.iter().map(|t| t.map(|i| i + first)));
     }
     if mesh.triangles.is_empty() {
         return Err("it has no faces".to_owned());

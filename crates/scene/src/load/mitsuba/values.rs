@@ -3,7 +3,7 @@
 use super::tree::Node;
 use super::wrong;
 use crate::SceneError;
-use diopter_light::spectrum::{Table, blackbody_with_luminance};
+use diopter_light::spectrum::{Table, blackbody as blackbody_radiance, blackbody_with_luminance};
 use diopter_light::{Spectrum, color};
 use glam::{DMat3, DMat4, DVec3, DVec4, Vec3};
 
@@ -169,7 +169,7 @@ impl Shade {
             Shade::Even(v) | Shade::EvenSpectrum(v) => Vec3::splat(*v),
             Shade::Points(points) => crate::texture::spectrum_rgb(&Spectrum::Table(Table::from_points(points))).max(Vec3::ZERO),
             Shade::Blackbody(kelvin, scale) => {
-                let light = blackbody_with_luminance(*kelvin, *scale);
+                let light = blackbody_light(*kelvin, *scale);
                 color::srgb_of_light(|nm| light.at(nm)).max(Vec3::ZERO)
             }
         }
@@ -186,10 +186,10 @@ impl Shade {
         }
     }
 
-    /// A light: 1 is 1 cd/m² of white; a black body's shape counts, not its size.
+    /// A light: 1 is 1 cd/m² of white; a black body of scale 1 shines with Planck's radiance, W·m⁻²·sr⁻¹·nm⁻¹, of which an even 1 is one, too.
     pub fn light(&self, factor: f32) -> Spectrum {
         match self {
-            Shade::Blackbody(kelvin, scale) if scale * factor > 0.0 => blackbody_with_luminance(*kelvin, scale * factor),
+            Shade::Blackbody(kelvin, scale) if scale * factor > 0.0 => blackbody_light(*kelvin, scale * factor),
             Shade::Points(points) => {
                 // An even spectrum of 1 has 1 cd/m².
                 let even = color::luminance(|_| 1.0) as f32;
@@ -229,6 +229,12 @@ fn blackbody(node: &Node, kelvin: f64, scale: f64) -> Read<Shade> {
         true => Ok(Shade::Blackbody(kelvin as f32, scale as f32)),
         false => Err(wrong(node, format!("{kelvin} K"), "100 to 1 000 000 K")),
     }
+}
+
+/// The light of a black body of a temperature, K, for a scale on its radiance: 1 is that of an even spectrum of 1 W·m⁻²·sr⁻¹·nm⁻¹.
+fn blackbody_light(kelvin: f32, scale: f32) -> Spectrum {
+    let brightness = color::luminance(|nm| blackbody_radiance(nm, kelvin)) / color::luminance(|_| 1.0);
+    blackbody_with_luminance(kelvin, scale * brightness as f32)
 }
 
 /// A colour by name, unless it is a texture.

@@ -60,6 +60,12 @@ impl<'a> World<'a> {
                 "emitter" => lights::add(&mut self.context, child)?,
                 "sensor" => camera::add(&mut self.context, child)?,
                 "integrator" => {
+                    if !matches!(
+                        child.kind(),
+                        "path" | "volpath" | "volpathmis" | "prbvolpath" | "prb" | "bdpt" | "moment" | "aov"
+                    ) {
+                        self.context.skip_unsupported(format!("integrator \"{}\": all light is followed", child.kind()));
+                    }
                     let depth = number(child, "max_depth", -1.0)?;
                     if depth >= 1.0 {
                         // Theirs counts what is seen directly as 1.
@@ -134,8 +140,8 @@ impl<'a> World<'a> {
                     return Err(wrong(node, format!("a radius of {radius}"), "a length above 0"));
                 }
                 let place = place * DMat4::from_translation(center);
-                // What has pictures needs Mitsuba's texture coordinates.
-                let plain = alone && !flip && !self.context.description.materials[material as usize].has_pictures();
+                // What has pictures or is brushed needs Mitsuba's texture coordinates.
+                let plain = alone && !flip && !self.context.description.materials[material as usize].needs_coordinates();
                 match round::sphere_in_world(radius as f32, place) {
                     Some(sphere) if plain && place.determinant() > 0.0 => Shape::Sphere(sphere),
                     _ => {
@@ -163,8 +169,11 @@ impl<'a> World<'a> {
                         if flip_uv {
                             mesh.uvs[0].iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
                         }
+                        // As Mitsuba has it: what has no normals is smoothed, unless told otherwise.
                         if flat {
                             mesh.normals.clear();
+                        } else if mesh.normals.is_empty() && node.kind() != "serialized" {
+                            mesh.normals = shapes::smooth_normals(&mesh.positions, &mesh.triangles);
                         }
                         if flip {
                             round::reverse(&mut mesh);

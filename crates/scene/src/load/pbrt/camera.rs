@@ -65,8 +65,9 @@ pub fn viewpoint(
     film: FilmHints,
 ) -> Result<Viewpoint, Fault> {
     let [w, h] = film.size.unwrap_or([3, 2]).map(|n| n as f64);
-    for name in ["shutteropen", "shutterclose"] {
-        p.get(name);
+    let shutter = ["shutteropen", "shutterclose"].map(|name| p.get(name).is_some());
+    if shutter != [false; 2] && p.float("shutteropen", 0.0)? != p.float("shutterclose", 1.0)? {
+        context.warn(p.place, "its shutter is not taken: --shutter says how long the exposure is");
     }
     let aspect = p.float("frameaspectratio", w / h)?;
     if !(1e-3..=1e3).contains(&aspect) {
@@ -135,9 +136,11 @@ pub fn viewpoint(
     };
     // It looks along +z; ours along −z.
     let world_from_camera = world_from_camera * DMat4::from_scale(DVec3::new(1.0, 1.0, -1.0));
-    // Scale of a camera's space has no meaning for where it looks.
+    // Scale of a camera's space has no meaning for where it looks, but for its lens.
     let unit = |v: glam::DVec4| v.truncate().normalize_or_zero().extend(0.0);
     let m = world_from_camera;
+    let [across, along] = [m.x_axis, m.z_axis].map(|axis| axis.truncate().length());
+    let (lens_radius, focus) = (lens_radius * across, focus * along);
     let world_from_camera = DMat4::from_cols(unit(m.x_axis), unit(m.y_axis), unit(m.z_axis), m.w_axis);
     Ok(Viewpoint {
         name: "camera".into(),

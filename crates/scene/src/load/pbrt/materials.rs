@@ -161,13 +161,20 @@ impl Materials {
                     None => return Err(p.place.fault("a mix without materials", "\"string materials\" [ two names ]")),
                 };
                 let amount = textures.scalar(context, p, "amount", 0.5)?;
-                let part = |name: &String| {
+                let mut part = |name: &String| {
                     let known = self.number(name).map(|n| &self.all[n]);
                     let known = known
                         .ok_or_else(|| p.place.fault(format!("material \"{name}\" of a mix"), "one that was defined before"))?;
                     let material = known.material.as_ref();
                     let material =
                         material.ok_or_else(|| p.place.fault(format!("the interface \"{name}\" in a mix"), "a surface"))?;
+                    if material.normal_map.is_some()
+                        || material.bump.is_some()
+                        || matches!(material.interior, Interior::Body { medium: Some(_), .. })
+                    {
+                        let what = format!("the normal map, displacement or inside of \"{name}\" in a mix is not taken");
+                        context.warn(p.place, what);
+                    }
                     Ok(material.scattering.clone())
                 };
                 let parts = [part(&names[0])?, part(&names[1])?];

@@ -268,10 +268,19 @@ pub fn agree_with_normals(mesh: &mut Mesh) {
     }
 }
 
-/// Without coordinates every triangle has (0, 0), (1, 0), (1, 1): only what a constant texture needs is kept.
+/// Most triangles that have texture coordinates at once, whether their material asks for them or not.
+const FEW_TRIANGLES: usize = 64;
+
+/// Coordinates of few triangles without any; of more only where their material asks for them ([`own_uvs`]).
 pub fn default_uvs(mesh: &mut Mesh) {
-    if mesh.uvs[0].is_empty() && (1..=64).contains(&mesh.triangles.len()) {
-        // Few triangles: corners of their own.
+    if mesh.triangles.len() <= FEW_TRIANGLES {
+        own_uvs(mesh);
+    }
+}
+
+/// Without coordinates every triangle has (0, 0), (1, 0), (1, 1), and so corners of its own.
+pub fn own_uvs(mesh: &mut Mesh) {
+    if mesh.uvs[0].is_empty() && !mesh.triangles.is_empty() {
         let list = |v: &[Vec3]| mesh.triangles.iter().flatten().map(|i| v[*i as usize]).collect::<Vec<_>>();
         let positions = list(&mesh.positions);
         let normals = if mesh.normals.is_empty() { vec![] } else { list(&mesh.normals) };

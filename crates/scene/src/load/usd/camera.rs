@@ -4,6 +4,7 @@ use super::layer::Value;
 use super::stage::{Prim, Stage};
 use super::world::{Conform, Place, World, affine};
 use crate::SceneError;
+use crate::load::size_of_aspect;
 use crate::scene::{CameraProjection, FilmHints, Viewpoint};
 use glam::{Affine3A, DMat4};
 
@@ -25,6 +26,9 @@ pub fn add(world: &mut World, prim: &Prim, place: &Place) -> Result<(), SceneErr
     let moves = ["focalLength", "focusDistance", "fStop"]
         .iter()
         .try_fold(false, |any, name| Ok::<_, SceneError>(any | stage.is_animated(prim, name)?))?;
+    let says_aperture = ["horizontalAperture", "verticalAperture"]
+        .iter()
+        .try_fold(false, |any, name| Ok::<_, SceneError>(any | stage.value(prim, name)?.is_some()))?;
     let shutter = [number("shutter:open", 0.0)?, number("shutter:close", 0.0)?];
     let exposed = number("exposure", 0.0)? != 0.0;
     let shifted = number("horizontalApertureOffset", 0.0)? != 0.0 || number("verticalApertureOffset", 0.0)? != 0.0;
@@ -54,7 +58,8 @@ pub fn add(world: &mut World, prim: &Prim, place: &Place) -> Result<(), SceneErr
     if exposed {
         world.skip_unsupported("exposures of cameras");
     }
-    let film = FilmHints { diagonal_mm: Some((width * mm).hypot(height * mm)), ..FilmHints::default() };
+    let size = size_of_aspect(width / height).filter(|_| says_aperture);
+    let film = FilmHints { size, diagonal_mm: Some((width * mm).hypot(height * mm)), ..FilmHints::default() };
     let node = place.node.map(|_| world.node_at(place, prim.name()));
     world.apertures.push([width / focal, height / focal]);
     world.description.cameras.push(Viewpoint {

@@ -206,14 +206,9 @@ pub fn add(world: &mut World, kind: &str, prim: &Arc<Prim>, place: &Place) -> Re
     match kind {
         "DistantLight" => {
             let half = (0.5 * angle).to_radians();
-            // What a level plane gets of its luminance, and the solid angle under which it is seen.
+            // What a level plane gets of its luminance.
             let projected = PI * half.min(0.5 * PI).sin().powi(2);
-            let seen = 4.0 * PI * (0.5 * half.min(0.5 * PI)).sin().powi(2);
-            let lux = match (projected < 1e-9, normalize) {
-                (true, _) => intensity,
-                (false, true) => intensity / projected * seen,
-                (false, false) => intensity * seen,
-            };
+            let lux = if projected < 1e-9 || normalize { intensity } else { intensity * projected };
             let direction = Vec3::NEG_Z;
             let kind = match half < 1e-4 {
                 true => PunctualKind::Directional { direction },

@@ -334,6 +334,8 @@ fn lights_have_their_luminance() {
         def SphereLight \"p\" { float inputs:radius = 0.25\nfloat intensity = 16\nbool treatAsPoint = true }\n\
         def SphereLight \"c\" { float inputs:radius = 0.25\nfloat inputs:shaping:cone:angle = 30 }\n\
         def DistantLight \"d\" { float inputs:intensity = 7\nfloat inputs:angle = 1\nbool inputs:normalize = true }\n\
+        def DistantLight \"w\" { float inputs:intensity = 10\nfloat inputs:angle = 120 }\n\
+        def DistantLight \"v\" { float inputs:intensity = 10\nfloat inputs:angle = 120\nbool inputs:normalize = true }\n\
         def DomeLight \"e\" { float inputs:intensity = 5\ncolor3f inputs:color = (1, 0.5, 0.25) }\n\
         def DiskLight \"k\" { }\ndef CylinderLight \"l\" { }",
     );
@@ -363,7 +365,19 @@ fn lights_have_their_luminance() {
         (lux / 7.0 - 1.0).abs() < 0.01
             && matches!(kind, PunctualKind::Disc { half_angle, .. } if (half_angle - 0.00873).abs() < 1e-4)
     );
+    // Of its luminance, and of its illuminance, however wide it is.
+    for (name, expected) in [("w", 10.0 * std::f32::consts::PI * 0.75), ("v", 10.0)] {
+        assert!((power(name).0 / expected - 1.0).abs() < 0.01, "{name}: {}", power(name).0);
+    }
     assert!((d.environment.as_ref().unwrap().mean_luminance() / (5.0 * (0.2126 + 0.3576 + 0.01805)) - 1.0).abs() < 0.01);
+}
+
+#[test]
+fn cameras_that_say_their_aperture_have_pictures_of_its_shape() {
+    let size = |text: &str| read(&format!("def Camera \"c\" {{ {text} }}\ndef Sphere \"s\" {{}}")).cameras[0].film.size;
+    assert_eq!(size("float horizontalAperture = 36\nfloat verticalAperture = 20.25"), Some([960, 540]));
+    assert_eq!(size("float horizontalAperture = 24\nfloat verticalAperture = 36"), Some([640, 960]));
+    assert_eq!(size("float focalLength = 35"), None);
 }
 
 #[test]
