@@ -126,6 +126,34 @@ def test_pickles(plane: dp.FocalPlane, scene: dp.Scene) -> None:
     camera = dp.Camera(lens="tessar-50mm-f2.8", body="nikon-d850", aperture="f/4")
     assert pickle.loads(pickle.dumps(camera)).lens == camera.lens
     assert pickle.loads(pickle.dumps(scene)).objects == scene.objects
+    picture = dp.develop(raw)
+    again = pickle.loads(pickle.dumps(picture))
+    np.testing.assert_array_equal(again.array, picture.array)
+    assert again.metadata == picture.metadata and picture.metadata["body"]
+
+
+def test_planes_carry_what_the_camera_was_set_to(scene: dp.Scene) -> None:
+    camera = dp.Camera(body="nikon-d850", serial="42")
+    taken: Any = {"temperature_c": 35, "white": "A", "iso": 200, "size": (24, 16), "spp": 2}
+    plane = dp.expose(scene, camera, **taken)
+    raw = dp.read_out(plane)
+    assert [raw.metadata[k] for k in ("serial", "temperature_c", "white")] == ["42", 35, "A"]
+    np.testing.assert_array_equal(raw.mosaic, dp.shoot(scene, camera, **taken).raw.mosaic)
+    other = dp.read_out(plane, serial="43", white="D50")
+    assert other.metadata["serial"] == "43" and other.metadata["white"] == "D50"
+
+
+def test_the_same_plane_is_the_same_file(plane: dp.FocalPlane, tmp_path: Path) -> None:
+    for k in range(4):
+        plane.save(tmp_path / f"{k}.exr")
+    assert len({(tmp_path / f"{k}.exr").read_bytes() for k in range(4)}) == 1
+    assert pickle.dumps(plane) == pickle.dumps(plane)
+
+
+def test_series_and_files_are_refused(scene: dp.Scene) -> None:
+    for section in ({"sequence": {"frames": 3}}, {"output": {"files": ["a.exr"]}}):
+        with pytest.raises(dp.DiopterError, match="one exposure"):
+            dp.expose(scene, settings=section, size=(12, 8), spp=1)
 
 
 def test_metering_and_autofocus(scene: dp.Scene) -> None:

@@ -67,10 +67,20 @@ def test_scenes_are_pickled_by_how_they_were_made() -> None:
     again = pickle.loads(pickle.dumps(scene))
     planes = [dp.expose(s, CAMERA, shutter=0.1, size=(18, 12), spp=2) for s in (scene, again)]
     np.testing.assert_array_equal(planes[0].mean, planes[1].mean)
+    # Arrays are those of when they were given.
+    corners = np.array(CORNERS, dtype=np.float32)
+    scene = dp.Scene().add_mesh(corners, FACES, dp.Material.diffuse())
+    corners[:, 2] += 3
+    assert pickle.loads(pickle.dumps(scene)).bounds == scene.bounds
 
 
 def test_what_does_not_fit_is_told() -> None:
     grey = dp.Material.diffuse()
+    for light in (-1.0, float("nan"), float("inf")):
+        with pytest.raises(dp.DiopterError, match="radiance"):
+            dp.Scene().set_environment(light)
+    with pytest.raises(dp.DiopterError, match="reflectances"):
+        dp.Scene().add_sphere((0, 0, 0), 1.0, dp.Material.diffuse(np.full((2, 2, 3), 255, np.uint8)))
     with pytest.raises(dp.DiopterError, match="below 4"):
         dp.Scene().add_mesh(CORNERS, [[0, 1, 4]], grey)
     with pytest.raises(dp.DiopterError, match="whole numbers"):

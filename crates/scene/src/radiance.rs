@@ -33,6 +33,7 @@ pub(crate) mod tally;
 mod through_glass;
 mod to_light;
 mod weights;
+mod work;
 
 pub use cone::RayCone;
 pub use first_surface::FirstSurface;

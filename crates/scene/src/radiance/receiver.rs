@@ -1,7 +1,7 @@
 //! Where the paths of a group receive light that others found.
 
 use super::path::Transport;
-use super::record::Work;
+use super::work::Work;
 use crate::bvh::packet::Bundle;
 use crate::material::Bsdf;
 use crate::medium::phase;

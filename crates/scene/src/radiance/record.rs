@@ -2,6 +2,7 @@
 
 use super::path::Transport;
 use super::tally::{CausticTally, DirectTally, Polarized};
+pub use super::work::Work;
 use super::{CameraPath, PathSettings};
 use crate::light_paths::LightPaths;
 use crate::scene::Scene;
@@ -40,15 +41,6 @@ pub struct RadianceAndCaustics;
 /// All light, and how much work it was. The work of paths that reuse light is that of the first of them.
 #[derive(Clone, Copy, Debug)]
 pub struct RadianceAndWork;
-
-/// What was done for the light of paths.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Work {
-    /// Rays along which paths went on.
-    pub segments: u32,
-    /// Shadow rays between what one path found and others that could have found it.
-    pub reuse_rays: u32,
-}
 
 /// The Stokes vectors of all light at each of the four wavelengths ([`diopter_light::polarization`]), all of it by the paths: without light paths and
 /// [`CameraPath::emitter_mis`]. Q, U and V are 0 on the mean where nothing polarises. I is, sample by sample, [`Radiance`] where no two events of the path polarise; elsewhere it
