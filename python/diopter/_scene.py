@@ -76,11 +76,13 @@ class Material:
             luminance: cd/m², one number (of D65) or linear sRGB.
             temperature_k: Of a black body, K, instead of a colour; ``luminance`` is then one number.
         """
+        import numpy as np
+
         numbers: tuple[tuple[str, float], ...] = (("two_sided", float(two_sided)),)
         if temperature_k is None:
             return Material("black", emission=luminance, numbers=numbers)
-        if isinstance(luminance, (int, float)):
-            numbers += (("kelvin", float(temperature_k)), ("luminance", float(luminance)))
+        if np.ndim(luminance) == 0:
+            numbers += (("kelvin", float(temperature_k)), ("luminance", float(np.asarray(luminance))))
             return Material("black", numbers=numbers)
         raise DiopterError(
             "luminance: expected one number beside temperature_k", "luminance", repr(luminance), "one number, cd/m²"

@@ -37,9 +37,9 @@ def number(place: str, value: float | str, units: Mapping[str, float], example: 
 
 
 def f_number(place: str, value: float | str) -> float:
-    """An f-number: "f/2.8" or 2.8."""
+    """An f-number: "f/2.8" or 2.8. Of a T-stop also "T2.9"."""
     if isinstance(value, str):
-        value = re.sub(r"^\s*[fFtT]/?", "", value)
+        value = re.sub(r"^\s*[fFtT]/?" if place == "t_number" else r"^\s*[fF]/?", "", value)
     return number(place, value, {"": 1.0}, '"f/2.8"')
 
 

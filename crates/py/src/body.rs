@@ -85,9 +85,12 @@ impl Body {
     }
 
     /// Quantum efficiency of each channel at the wavelengths, nm.
-    fn quantum_efficiency<'py>(&self, py: Python<'py>, nm: Vec<f32>) -> Vec<Bound<'py, PyArray1<f32>>> {
+    fn quantum_efficiency<'py>(&self, py: Python<'py>, nm: Vec<f32>) -> PyResult<Vec<Bound<'py, PyArray1<f32>>>> {
+        if let Some(bad) = nm.iter().find(|nm| !(100.0..=3000.0).contains(*nm)) {
+            return Err(PythonError::value("nm", bad.to_string(), "wavelengths from 100 to 3000 nm").into());
+        }
         let of = |qe: &diopter::light::spectrum::Table| PyArray1::from_vec(py, nm.iter().map(|nm| qe.at(*nm)).collect());
-        self.sensor.quantum_efficiency.iter().map(of).collect()
+        Ok(self.sensor.quantum_efficiency.iter().map(of).collect())
     }
 
     /// EMVA 1288 on read-outs of this body, as JSON.

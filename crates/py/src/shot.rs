@@ -121,7 +121,10 @@ fn shot_file(settings: &str) -> Result<ShotFile, PythonError> {
         for (key, found) in keys.as_object().into_iter().flatten() {
             let alone = serde_json::json!({ section: { key: found } });
             if let Err(e) = serde_json::from_value::<ShotFile>(alone) {
-                return Err(PythonError::value(&format!("{section}.{key}"), found.to_string(), e.to_string()));
+                // Of "invalid type: ..., expected ..." what is expected.
+                let told = e.to_string();
+                let expected = told.rsplit_once("expected ").map_or(&*told, |(_, expected)| expected);
+                return Err(PythonError::value(&format!("{section}.{key}"), found.to_string(), expected));
             }
         }
     }

@@ -95,6 +95,10 @@ pub struct Calibrate {
 
 impl Calibrate {
     pub(super) fn run(&self, global: &GlobalFlags) -> anyhow::Result<()> {
+        if let (Some(format), true) = (&self.format, self.output.is_empty()) {
+            let wrong = anyhow!("--format {format}: expected a file to write by it: -o NAME (a film is --film)");
+            return Err(UsageError(wrong).into());
+        }
         let formats = self.output.iter().map(|path| format_of(path, self)).collect::<anyhow::Result<Vec<_>>>()?;
         distinct([Path::new(&self.lens)], self.output.iter().map(|p| p.as_path()))?;
         let outputs = self.output.iter().map(|p| Output::prepare(p)).collect::<anyhow::Result<Vec<_>>>()?;
