@@ -218,7 +218,7 @@ def shoot(
     progress: Progress = False,
     **settings: Unpack[ExposureSettings],
 ) -> Photograph:
-    """Takes a photograph: exposes, reads out, develops, as ``diopter shoot --denoise false --fireflies keep``: where the program writes pictures alone, it reduces
+    """Takes a photograph: exposes, reads out, develops, as ``diopter shoot --denoise off --fireflies keep``: where the program writes pictures alone, it reduces
     noise and re-weights fireflies. The development's settings are the section ``develop`` of ``settings``; arguments are those of :func:`expose`."""
     camera = camera or Camera()
     with _bar(progress, "exposing") as told:
