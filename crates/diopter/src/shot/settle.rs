@@ -88,7 +88,10 @@ impl Shot {
         }
         e.metering.get_or_insert_with(|| self.exposing.pattern.name().into());
         e.white.get_or_insert_with(|| self.reading.white.clone());
-        e.temperature_c.get_or_insert(self.sensor.temperature_c);
+        // What changes nothing would be told as such by whoever reads the file.
+        if self.sensor.ignored_temperature().is_none() {
+            e.temperature_c.get_or_insert(self.sensor.temperature_c);
+        }
         let r = &mut file.render;
         r.size.get_or_insert(Size { width: self.camera.film.columns, height: self.camera.film.rows });
         if r.time_limit.is_none() {
