@@ -17,7 +17,9 @@ mod incident;
 mod joint;
 mod light_connection;
 mod media;
+mod medium_between;
 mod medium_segment;
+mod medium_steps;
 mod mirrored;
 mod next_event;
 mod path;
@@ -103,7 +105,7 @@ impl Scene {
 
     /// The radiance along a camera path, with its width, its light paths and its weights of emitters: one random estimate as [`Scene::radiance`].
     pub fn radiance_along(&self, path: &CameraPath, settings: &PathSettings) -> SampledSpectrum {
-        Transport::new(self, settings).follow(path, SampledSpectrum::ZERO)
+        Transport { scene: self, settings }.follow(path, SampledSpectrum::ZERO)
     }
 
     /// What `record` records of the light of many camera paths, in their order: the one entry of whoever traces pictures. With [`Radiance`](record::Radiance) the numbers of

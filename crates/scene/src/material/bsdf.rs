@@ -33,6 +33,7 @@ pub struct Scatter {
 
 // The largest is also the most common: on the stack it costs less than a box would.
 #[allow(clippy::large_enum_variant)]
+#[derive(Clone)]
 pub(super) enum Lobes<'a> {
     Diffuse { albedo: SampledSpectrum },
     Conductor(ConductorLobe),
@@ -53,6 +54,7 @@ pub(crate) struct Orientation {
 }
 
 /// The scattering function at a point seen from `wo`.
+#[derive(Clone)]
 pub struct Bsdf<'a> {
     // Written where it is returned: lobes are large, and moving them was 2 % of a sample's time.
     pub(super) lobes: Lobes<'a>,

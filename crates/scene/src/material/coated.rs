@@ -65,6 +65,7 @@ impl CoatedConductor {
 }
 
 /// The model at a point.
+#[derive(Clone)]
 pub(super) struct CoatedLobes<'a> {
     metal: ConductorLobe,
     ior: f32,

@@ -84,6 +84,7 @@ impl Conductor {
     }
 }
 
+#[derive(Clone)]
 pub(super) struct ConductorLobe {
     n: SampledSpectrum,
     k: SampledSpectrum,

@@ -21,17 +21,19 @@ const FIRST_ROUGHNESS: f32 = 1e-2;
 
 /// A function of (√μ, roughness) on a regular grid, bilinear.
 #[derive(Clone, Debug)]
-pub struct Table(Vec<f32>);
+pub struct Table(Box<[f32; NODES * NODES]>);
 
 impl Table {
     /// Of a function of a cosine and a roughness.
     pub(super) fn new(f: impl Fn(f32, f32) -> f32 + Sync) -> Self {
-        Table((0..NODES * NODES).into_par_iter().map(|n| f(Self::node(n)[0], Self::node(n)[1])).collect())
+        let mut values = Box::new([0.0; NODES * NODES]);
+        values.par_iter_mut().enumerate().for_each(|(n, value)| *value = f(Self::node(n)[0], Self::node(n)[1]));
+        Table(values)
     }
 
     /// The same on this thread alone: where rays ask for it, and the pool must not be waited for.
     fn alone(f: impl Fn(f32, f32) -> f32) -> Self {
-        Table((0..NODES * NODES).map(|n| f(Self::node(n)[0], Self::node(n)[1])).collect())
+        Table(Box::new(std::array::from_fn(|n| f(Self::node(n)[0], Self::node(n)[1]))))
     }
 
     /// Cosine and roughness of a node.
@@ -49,8 +51,8 @@ impl Table {
             (i, x - i as f32)
         };
         let ((i, fx), (j, fy)) = (place(mu.max(0.0).sqrt()), place(roughness));
-        let t = &self.0[j * NODES + i..];
-        let (low, high) = (t[0] + (t[1] - t[0]) * fx, t[NODES] + (t[NODES + 1] - t[NODES]) * fx);
+        let (t, n) = (&self.0, j * NODES + i);
+        let (low, high) = (t[n] + (t[n + 1] - t[n]) * fx, t[n + NODES] + (t[n + NODES + 1] - t[n + NODES]) * fx);
         low + (high - low) * fy
     }
 

@@ -175,6 +175,7 @@ struct Fiber {
 }
 
 /// A fibre at a place, seen from one direction.
+#[derive(Clone)]
 pub(super) struct HairLobes {
     /// Fraction of the light that leaves by each lobe.
     attenuation: [SampledSpectrum; LOBES],

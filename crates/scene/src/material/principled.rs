@@ -318,6 +318,7 @@ impl Principled {
 }
 
 /// Tables of the interface between two bodies: those of the material, or looked up where nothing was prepared.
+#[derive(Clone)]
 enum Against<'a> {
     Prepared(&'a Interface),
     Looked(Arc<Interface>),

@@ -86,6 +86,12 @@ pub(super) struct MediumScatter {
     density: f32,
 }
 
+/// A place in a medium that scatters a path.
+pub(super) struct MediumVertex<'a> {
+    pub segment: MediumSegment<'a>,
+    pub on: MediumScatter,
+}
+
 impl MediumScatter {
     /// Density of an equi-angular sample of a light at the vertex over that of the vertex, the density of the direction not included.
     #[inline]

@@ -8,13 +8,11 @@
 use super::cone::Cone;
 use super::joint::Vertex;
 use super::light_connection::LightConnection;
-use super::media::{Flight, MediumScatter};
-use super::medium_segment::MediumSegment;
+use super::media::{MediumScatter, MediumVertex};
 use super::prev_scatter::{LineToLight, PrevScatter};
 use super::tally::Tally;
 use super::to_light::{MAX_INTERFACES, origin_behind};
 use super::weights::{mis, squared_ratio};
-use super::work::Work;
 use super::{CameraPath, PathSettings};
 use crate::light::LightRef;
 use crate::light::environment::LinearlyPolarized;
@@ -29,15 +27,12 @@ use crate::shape::Surface;
 use diopter_light::random::Dimensions;
 use diopter_light::{Ray, SampledSpectrum};
 use glam::Vec3;
-use std::cell::Cell;
 
 /// What is the same for all paths.
 #[derive(Clone, Copy)]
 pub(super) struct Transport<'a> {
     pub scene: &'a Scene,
     pub settings: &'a PathSettings,
-    /// Where work is counted, if it is.
-    pub work: Option<&'a Cell<Work>>,
 }
 
 /// A path between two steps.
@@ -48,29 +43,29 @@ pub(super) struct Path<'a, T: Tally> {
     pub tally: T,
     /// Where it goes next.
     pub ray: Ray,
-    cone: Cone,
+    pub cone: Cone,
     pub throughput: SampledSpectrum,
     /// Whether its wavelengths stay together: RGB never disperses, and after dispersion the hero alone is left.
     pub hero_only: bool,
     /// Whether a flash is burning.
     pub flash: bool,
     /// Whether its ray is the camera's still, but for thin dielectrics and faces of media.
-    is_straight: bool,
+    pub is_straight: bool,
     pub medium_stack: MediumStack,
     /// With a light that was chosen and may be hidden.
     pub connection: Option<LightConnection<T::Vertex>>,
     pub last: Option<PrevScatter>,
     /// Where `last` is a vertex in a medium: the segment on which it lies.
-    medium_scatter: Option<MediumScatter>,
-    camera_subpath: CameraSubpath,
+    pub medium_scatter: Option<MediumScatter>,
+    pub camera_subpath: CameraSubpath,
     /// Candidates for connections, drawn once a path (Talbot et al. 2005).
     candidate_set: Option<Box<CandidateSet>>,
-    suffix: CausticSuffix,
+    pub suffix: CausticSuffix,
     /// Vertices so far.
     pub vertex: u32,
     /// Of them those within bodies, which do not count as scattering events.
-    subsurface_events: u32,
-    segment_index: u32,
+    pub subsurface_events: u32,
+    pub segment_index: u32,
     pub roulette_depth: u32,
     /// Product of the η² by which refraction scaled radiance; Russian roulette leaves it out (pbrt's `etaScale`).
     pub eta_scale: f32,
@@ -165,36 +160,10 @@ pub(super) enum Next {
     Ended,
 }
 
-/// A surface that scatters, where a path arrives at it.
-pub(super) struct Arrival<'v, 'a> {
-    pub surface: &'v Surface,
-    pub material: &'a Material,
-    entering: bool,
-    wo: Vec3,
-    around: Option<&'a Principled>,
-    pub bsdf: Bsdf<'a>,
-}
-
-impl<'a> Arrival<'_, 'a> {
-    /// As a vertex of the path.
-    #[inline]
-    pub fn vertex(&self) -> SurfaceVertex<'_, 'a> {
-        let &Arrival { surface, material, entering, wo, around, ref bsdf } = self;
-        SurfaceVertex { surface, material, entering, wo, around, bsdf, ng: bsdf.side_normal() }
-    }
-}
-
-/// Where a path is scattered. Surfaces are by far the most; a box for them would cost more than it saves.
-#[allow(clippy::large_enum_variant)]
+/// Where a path is scattered.
 pub(super) enum Place<'v, 'a> {
-    Surface(Arrival<'v, 'a>),
-    Medium(MediumVertex<'a>),
-}
-
-/// A place in a medium that scatters a path.
-pub(super) struct MediumVertex<'a> {
-    pub segment: MediumSegment<'a>,
-    pub on: MediumScatter,
+    Surface(SurfaceVertex<'v, 'a>),
+    Medium(&'v MediumVertex<'a>),
 }
 
 /// A surface that scatters, as a path meets it.
@@ -236,11 +205,6 @@ impl SurfaceVertex<'_, '_> {
 }
 
 impl<'a> Transport<'a> {
-    /// What follows paths through a scene, and counts nothing.
-    pub fn new(scene: &'a Scene, settings: &'a PathSettings) -> Self {
-        Transport { scene, settings, work: None }
-    }
-
     /// A path that begins at the camera.
     #[inline]
     pub fn begin<T: Tally>(&self, camera: &'a CameraPath<'a>, tally: T) -> Path<'a, T> {
@@ -308,9 +272,6 @@ impl<'a> Transport<'a> {
     /// What the ray of a path meets first.
     #[inline]
     pub fn find_hit<T: Tally>(&self, path: &Path<'a, T>) -> Option<Surface> {
-        if let Some(work) = self.work {
-            work.update(|work| Work { segments: work.segments + 1, ..work });
-        }
         self.scene.intersect(&path.ray, f32::INFINITY)
     }
 
@@ -324,8 +285,8 @@ impl<'a> Transport<'a> {
     #[inline(always)]
     pub fn scatter_at<T: Tally>(&self, path: &mut Path<'a, T>, place: Place<'_, 'a>) -> Next {
         match place {
-            Place::Surface(here) => self.scatter_light(path, &here.vertex()),
-            Place::Medium(here) => self.scatter_in_medium(path, &here),
+            Place::Surface(here) => self.scatter_light(path, &here),
+            Place::Medium(here) => self.scatter_in_medium(path, here),
         }
     }
 
@@ -339,126 +300,44 @@ impl<'a> Transport<'a> {
     ) -> Next {
         let reach = hit.as_ref().map_or(f32::INFINITY, |s| s.t);
         path.segment_index += 1;
-        if let Some((medium, span)) = path.medium_stack.span(self.scene, &path.ray, reach)
-            && let Some(here) = self.cross_medium(path, medium, span)
-        {
-            return scatter(path, Place::Medium(here));
-        }
-        let Some(surface) = hit else {
-            self.leave_scene(path);
-            return Next::Ended;
+        let in_medium = match path.medium_stack.span(self.scene, &path.ray, reach) {
+            None => None,
+            Some((medium, span)) => self.cross_medium(path, medium, span),
         };
-        path.cone.advance(surface.t);
-        path.cone.meet(self.scene, surface, path.ray.direction);
-        let material = self.scene.material(surface.object);
-        let entering = surface.ng.dot(path.ray.direction) < 0.0;
-        let hidden = path.medium_stack.hides(self.scene, surface.object, entering);
-        if hidden || matches!(material.scattering, Scattering::Interface) {
-            // Nothing that light would meet may shine all the same.
-            if !hidden && !path.leaves_out_emission {
+        // Neither it nor the place is moved, and `scatter` is called at one place: it is large.
+        let bsdf;
+        let place = if let Some(here) = &in_medium {
+            Place::Medium(here)
+        } else {
+            let Some(surface) = hit else {
+                self.leave_scene(path);
+                return Next::Ended;
+            };
+            path.cone.advance(surface.t);
+            path.cone.meet(self.scene, surface, path.ray.direction);
+            let material = self.scene.material(surface.object);
+            let entering = surface.ng.dot(path.ray.direction) < 0.0;
+            let hidden = path.medium_stack.hides(self.scene, surface.object, entering);
+            if hidden || matches!(material.scattering, Scattering::Interface) {
+                // Nothing that light would meet may shine all the same.
+                if !hidden && !path.leaves_out_emission {
+                    self.see_emission(path, material, surface);
+                }
+                return self.cross_interface(path, surface, entering, hidden);
+            }
+            if !path.leaves_out_emission {
                 self.see_emission(path, material, surface);
             }
-            return self.cross_interface(path, surface, entering, hidden);
-        }
-        if !path.leaves_out_emission {
-            self.see_emission(path, material, surface);
-        }
-        if path.depth() >= self.settings.max_depth {
-            return Next::Ended;
-        }
-        if path.only_emission && !material.may_be_specular() {
-            return Next::Ended;
-        }
-        let wo = -path.ray.direction;
-        let around = path.medium_stack.around(self.scene, surface.object);
-        match material.bsdf(surface, wo, &path.camera.wavelengths, path.hero_only, around) {
-            None => Next::Ended,
-            Some(bsdf) => scatter(path, Place::Surface(Arrival { surface, material, entering, wo, around, bsdf })),
-        }
-    }
-
-    /// Takes a segment through a medium; `None` where the path reaches its end.
-    #[inline(never)]
-    fn cross_medium<T: Tally>(&self, path: &mut Path<'a, T>, medium: &'a Medium, span: [f32; 2]) -> Option<MediumVertex<'a>> {
-        if let Some(photons) = path.camera.light_paths.photons {
-            self.gather_along(path, photons, medium, span);
-        }
-        let start = path.last.and_then(|last| last.start(self.scene, medium));
-        let segment = MediumSegment { start, ..self.segment(path, medium, span) };
-        match segment.fly(&mut path.throughput, &mut path.tally) {
-            Flight::Through => {
-                path.camera_subpath.block_light_paths();
-                None
+            if path.depth() >= self.settings.max_depth || path.only_emission && !material.may_be_specular() {
+                return Next::Ended;
             }
-            Flight::Scattered(on) => Some(MediumVertex { segment, on }),
-        }
-    }
-
-    /// Adds the light that a medium scatters into the ray, and sends the path on.
-    #[inline(never)]
-    pub fn scatter_in_medium<T: Tally>(&self, path: &mut Path<'a, T>, here: &MediumVertex<'a>) -> Next {
-        let MediumVertex { segment, on } = here;
-        if !segment.may_scatter(path.throughput) {
-            return Next::Ended;
-        }
-        let (throughput, tally) = (path.throughput, &mut path.tally);
-        segment.add_lamp(on, throughput, tally);
-        let joint = segment.add_joint(on, throughput, SampledSpectrum::splat, |light, events, _| tally.add(light, events));
-        self.go_on_in_medium(path, here, segment.sample_phase(), joint)
-    }
-
-    /// Goes on in a direction from where a medium scattered the path; `joint`: the medium in which lights were sought.
-    pub fn go_on_in_medium<T: Tally>(
-        &self,
-        path: &mut Path<'a, T>,
-        here: &MediumVertex<'a>,
-        direction: (Vec3, f32),
-        joint: Option<MediumId>,
-    ) -> Next {
-        let MediumVertex { segment, on } = here;
-        let Some(onward) = segment.go_on(on, direction, joint, &mut path.throughput, path.eta_scale) else { return Next::Ended };
-        (path.ray, path.last, path.medium_scatter) = (onward.ray, onward.last, Some(*on));
-        (path.is_straight, path.camera_subpath) = (false, CameraSubpath::NONE);
-        path.tally.depolarize();
-        path.suffix.scatter_in(segment.medium);
-        path.cone.forget();
-        path.vertex += 1;
-        path.subsurface_events += u32::from(segment.medium.is_subsurface);
-        if path.subsurface_events > MAX_SUBSURFACE_EVENTS { Next::Ended } else { Next::GoesOn }
-    }
-
-    /// The segment of a path through a medium, not one that begins where lights were sought.
-    fn segment<T: Tally>(&self, path: &Path<'a, T>, medium: &'a Medium, span: [f32; 2]) -> MediumSegment<'a> {
-        MediumSegment {
-            scene: self.scene,
-            medium,
-            span,
-            ray: path.ray,
-            medium_stack: path.medium_stack,
-            wavelengths: &path.camera.wavelengths,
-            sampler: &path.camera.sampler,
-            settings: self.settings,
-            vertex: path.vertex,
-            depth: path.depth(),
-            segment_index: path.segment_index,
-            flash: path.flash,
-            start: None,
-        }
-    }
-
-    /// Light that comes over mirrors and through glass and is scattered on a segment.
-    fn gather_along<T: Tally>(&self, path: &mut Path<'a, T>, photons: &PhotonMap, medium: &Medium, span: [f32; 2]) {
-        // Where the path was scattered before, one in some segments stands for all.
-        let one_in = if path.last.is_some() { SEGMENTS_A_GATHERING } else { 1.0 };
-        let (depth, camera) = (path.depth(), path.camera);
-        if medium.scatters_homogeneously()
-            && depth < self.settings.max_depth
-            && (one_in == 1.0 || camera.sampler.get(Dimensions::Medium(path.segment_index))[3] * one_in < 1.0)
-        {
-            let most_events = self.settings.max_depth - depth - 1;
-            let light = photons.gather_along(&path.ray, span, medium, &camera.wavelengths, most_events);
-            path.tally.add_photons(path.throughput * light * one_in, depth + 2);
-        }
+            let wo = -path.ray.direction;
+            let around = path.medium_stack.around(self.scene, surface.object);
+            bsdf = material.bsdf(surface, wo, &path.camera.wavelengths, path.hero_only, around);
+            let Some(bsdf) = &bsdf else { return Next::Ended };
+            Place::Surface(SurfaceVertex { surface, material, entering, wo, around, bsdf, ng: bsdf.side_normal() })
+        };
+        scatter(path, place)
     }
 
     /// The light of the environment and of lights at infinity, which the ray of a path runs into.
@@ -732,13 +611,6 @@ impl<'a> Transport<'a> {
     }
 }
 
-/// Segments in media, behind a first scattering event, for each along which photons are gathered: a gathering takes as long as the rest of the segment, and photons
-/// are less noisy than the path that comes to them.
-const SEGMENTS_A_GATHERING: f32 = 4.0;
-
-/// Scattering events within bodies after which a path is given up: of light in a half space that does not absorb one part in a hundred gets so far.
-const MAX_SUBSURFACE_EVENTS: u32 = 8192;
-
 /// Scattering events before Russian roulette starts where each vertex is connected with light paths: what comes later brings less, and costs more (rooms lit by the
 /// sun: 0.7 of the time of 5, 1.19 of the squared error).
 const CONNECTED_ROULETTE_DEPTH: u32 = 2;
@@ -787,7 +659,7 @@ mod tests {
             });
             let scene = Scene::build(description).unwrap();
             let settings = PathSettings::default();
-            let transport = Transport::new(&scene, &settings);
+            let transport = Transport { scene: &scene, settings: &settings };
             let wavelengths = WavelengthSampler::uniform();
             let cameras: Vec<CameraPath> = (0..64)
                 .map(|i| {

@@ -1,7 +1,5 @@
 //! Where the paths of a group receive light that others found.
 
-use super::path::Transport;
-use super::work::Work;
 use crate::bvh::packet::Bundle;
 use crate::material::Bsdf;
 use crate::medium::phase;
@@ -42,30 +40,13 @@ pub(super) struct Receiver {
 pub(super) enum Lobe {
     /// All it does is to reflect diffusely, with an albedo.
     Diffuse(SampledSpectrum),
-    /// By its own scattering function.
-    Bsdf,
+    /// By its own scattering function: its number among those of the group. Most receivers are diffuse, and need not look there.
+    Bsdf(usize),
     /// A medium scatters light into the direction along which its path came.
     Phase { along: Vec3, asymmetry: f32 },
 }
 
 impl Receiver {
-    /// f cos θ of a direction on the side that is seen, and its density; in a medium the phase function.
-    #[inline]
-    pub fn eval(&self, bsdf: &Option<Bsdf>, wi: Vec3) -> (SampledSpectrum, f32) {
-        match (self.lobe, bsdf) {
-            (Lobe::Diffuse(albedo), _) => {
-                let density = self.ns.dot(wi).max(0.0) * std::f32::consts::FRAC_1_PI;
-                (albedo * density, density)
-            }
-            (Lobe::Phase { along, asymmetry }, _) => {
-                let density = phase(along.dot(wi), asymmetry);
-                (SampledSpectrum::splat(density), density)
-            }
-            (Lobe::Bsdf, Some(bsdf)) => bsdf.eval(wi),
-            (Lobe::Bsdf, None) => (SampledSpectrum::ZERO, 0.0),
-        }
-    }
-
     /// Whether light from a direction comes to the side that is seen.
     #[inline]
     pub fn faces(&self, wi: Vec3) -> bool {
@@ -121,6 +102,8 @@ pub(super) struct Sight {
     seeing: Vec<usize>,
     shadow_rays: Vec<(Ray, f32)>,
     hidden: Vec<bool>,
+    /// Shadow rays so far.
+    pub cast: u32,
 }
 
 impl Sight {
@@ -128,7 +111,7 @@ impl Sight {
     #[inline]
     pub fn of(
         &mut self,
-        transport: &Transport,
+        scene: &Scene,
         receivers: &[Receiver],
         among: Range<usize>,
         finder: usize,
@@ -145,19 +128,50 @@ impl Sight {
                 self.shadow_rays.push(ray);
             }
         }
-        if let Some(work) = transport.work {
-            let cast = self.shadow_rays.len() as u32;
-            work.update(|work| Work { reuse_rays: work.reuse_rays + cast, ..work });
-        }
-        transport.scene.may_be_occluded_many(&self.shadow_rays, bundle, &mut self.hidden);
+        self.cast += self.shadow_rays.len() as u32;
+        scene.may_be_occluded_many(&self.shadow_rays, bundle, &mut self.hidden);
         let mut hidden = self.hidden.iter();
         self.seeing.retain(|number| receivers[*number].path == finder || hidden.next() == Some(&false));
         &self.seeing
     }
 }
 
-/// The receivers of a group, in the order of their paths, and the scattering functions of surfaces.
+/// The receivers of a group, in the order of their paths, and the scattering functions of those that do more than to reflect diffusely.
 pub(super) struct Receivers<'a> {
     pub all: Vec<Receiver>,
-    pub bsdfs: Vec<Option<Bsdf<'a>>>,
+    bsdfs: Vec<Bsdf<'a>>,
+}
+
+impl<'a> Receivers<'a> {
+    /// None yet, of so many paths.
+    pub fn of(paths: usize) -> Self {
+        Receivers { all: Vec::with_capacity(paths), bsdfs: Vec::new() }
+    }
+
+    /// How a surface scatters that becomes a receiver.
+    pub fn lobe(&mut self, bsdf: &Bsdf<'a>) -> Lobe {
+        bsdf.diffuse_albedo().map_or_else(
+            || {
+                self.bsdfs.push(bsdf.clone());
+                Lobe::Bsdf(self.bsdfs.len() - 1)
+            },
+            Lobe::Diffuse,
+        )
+    }
+
+    /// f cos θ of a direction on the side of a receiver that is seen, and its density; in a medium the phase function.
+    #[inline]
+    pub fn eval(&self, receiver: &Receiver, wi: Vec3) -> (SampledSpectrum, f32) {
+        match receiver.lobe {
+            Lobe::Diffuse(albedo) => {
+                let density = receiver.ns.dot(wi).max(0.0) * std::f32::consts::FRAC_1_PI;
+                (albedo * density, density)
+            }
+            Lobe::Bsdf(number) => self.bsdfs[number].eval(wi),
+            Lobe::Phase { along, asymmetry } => {
+                let density = phase(along.dot(wi), asymmetry);
+                (SampledSpectrum::splat(density), density)
+            }
+        }
+    }
 }

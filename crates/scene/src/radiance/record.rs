@@ -9,7 +9,6 @@ use crate::scene::Scene;
 use diopter_light::SampledSpectrum;
 use diopter_light::polarization::Stokes;
 use glam::Vec3;
-use std::cell::Cell;
 
 /// What is recorded of the light along a camera path, at its four wavelengths, W·m⁻²·sr⁻¹·nm⁻¹.
 pub trait Record: Copy {
@@ -55,12 +54,12 @@ impl Record for Radiance {
     type Light = SampledSpectrum;
 
     fn trace(self, scene: &Scene, paths: &[CameraPath], settings: &PathSettings) -> Vec<SampledSpectrum> {
-        let transport = Transport::new(scene, settings);
+        let transport = Transport { scene, settings };
         paths.iter().map(|path| transport.follow(path, SampledSpectrum::ZERO)).collect()
     }
 
     fn trace_groups(self, scene: &Scene, groups: [&[CameraPath]; 2], settings: &PathSettings) -> Vec<SampledSpectrum> {
-        Transport::new(scene, settings).follow_groups(groups, || SampledSpectrum::ZERO)
+        Transport { scene, settings }.follow_groups(groups, || SampledSpectrum::ZERO).0
     }
 }
 
@@ -68,12 +67,12 @@ impl Record for RadianceAndDirect {
     type Light = [SampledSpectrum; 2];
 
     fn trace(self, scene: &Scene, paths: &[CameraPath], settings: &PathSettings) -> Vec<[SampledSpectrum; 2]> {
-        let transport = Transport::new(scene, settings);
+        let transport = Transport { scene, settings };
         paths.iter().map(|path| transport.follow(path, DirectTally::default()).both()).collect()
     }
 
     fn trace_groups(self, scene: &Scene, groups: [&[CameraPath]; 2], settings: &PathSettings) -> Vec<[SampledSpectrum; 2]> {
-        let tallies = Transport::new(scene, settings).follow_groups(groups, DirectTally::default);
+        let (tallies, _) = Transport { scene, settings }.follow_groups(groups, DirectTally::default);
         tallies.into_iter().map(DirectTally::both).collect()
     }
 }
@@ -82,7 +81,7 @@ impl Record for RadianceAndCaustics {
     type Light = [SampledSpectrum; 2];
 
     fn trace(self, scene: &Scene, paths: &[CameraPath], settings: &PathSettings) -> Vec<[SampledSpectrum; 2]> {
-        let transport = Transport::new(scene, settings);
+        let transport = Transport { scene, settings };
         let both = |CausticTally { all, gathered }| [all, gathered];
         paths.iter().map(|path| both(transport.follow(path, CausticTally::default()))).collect()
     }
@@ -92,16 +91,18 @@ impl Record for RadianceAndWork {
     type Light = (SampledSpectrum, Work);
 
     fn trace(self, scene: &Scene, paths: &[CameraPath], settings: &PathSettings) -> Vec<(SampledSpectrum, Work)> {
-        let work = Cell::new(Work::default());
-        let transport = Transport { work: Some(&work), ..Transport::new(scene, settings) };
-        paths.iter().map(|path| (transport.follow(path, SampledSpectrum::ZERO), work.take())).collect()
+        let transport = Transport { scene, settings };
+        let both = |camera| {
+            let mut path = transport.begin(camera, SampledSpectrum::ZERO);
+            transport.follow_to_end(&mut path);
+            (path.tally, Work { segments: path.segment_index, reuse_rays: 0 })
+        };
+        paths.iter().map(both).collect()
     }
 
     fn trace_groups(self, scene: &Scene, groups: [&[CameraPath]; 2], settings: &PathSettings) -> Vec<(SampledSpectrum, Work)> {
-        let work = Cell::new(Work::default());
-        let transport = Transport { work: Some(&work), ..Transport::new(scene, settings) };
-        let lights = transport.follow_groups(groups, || SampledSpectrum::ZERO);
-        lights.into_iter().map(|light| (light, work.take())).collect()
+        let (lights, mut work) = Transport { scene, settings }.follow_groups(groups, || SampledSpectrum::ZERO);
+        lights.into_iter().map(|light| (light, std::mem::take(&mut work))).collect()
     }
 }
 
@@ -109,7 +110,7 @@ impl Record for StokesVectors<'_> {
     type Light = [Stokes; 4];
 
     fn trace(self, scene: &Scene, paths: &[CameraPath], settings: &PathSettings) -> Vec<[Stokes; 4]> {
-        let transport = Transport::new(scene, settings);
+        let transport = Transport { scene, settings };
         let stokes = |(path, axis): (&CameraPath, &Vec3)| {
             let alone = CameraPath { light_paths: LightPaths::default(), emitter_mis: None, ..*path };
             transport.follow(&alone, Polarized::seen_along(*axis)).stokes

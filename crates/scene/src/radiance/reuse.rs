@@ -15,20 +15,21 @@
 
 use super::CameraPath;
 use super::donor::{BROAD_ALPHA, BROAD_ASYMMETRY, Donor, Found, Scatterer, Sent, is_untilted};
-use super::path::{Arrival, MediumVertex, Next, Path, Place, Transport};
+use super::media::MediumVertex;
+use super::medium_between::MediumBetween;
+use super::path::{Next, Path, Place, SurfaceVertex, Transport};
 use super::receiver::{Lobe, Receiver, Receivers, Sight, Way};
 use super::reuse_extent::{LightLevel, mean, within};
 use super::reuse_lamps::LampSample;
 use super::reuse_sky::SkySample;
 use super::tally::{Divisible, Tally};
+use super::work::Work;
 use crate::bvh::packet::Bundle;
 use crate::material::{Coverage, Scatter};
-use crate::medium::Sigma;
-use crate::medium_stack::MediumId;
 use crate::scene::{Object, Scene, Shape};
 use crate::shape::offset_origin;
+use diopter_light::SampledSpectrum;
 use diopter_light::random::Dimensions;
-use diopter_light::{Ray, SampledSpectrum};
 use glam::Vec3;
 
 /// Throughput by which roulette decides on the path of a donor, over that behind the donor: it serves many. Products of error and time by 0.5, 1, 2, 4 and 16, over those before it was the path's own throughput:
@@ -46,7 +47,7 @@ struct Group<'a> {
 impl Group<'_> {
     /// One of so many paths, none of which was followed yet.
     fn of(paths: usize) -> Self {
-        let receivers = Receivers { all: Vec::with_capacity(paths), bsdfs: Vec::with_capacity(paths) };
+        let receivers = Receivers::of(paths);
         Group { receivers, donors: Vec::with_capacity(paths), sky: Vec::new(), lamps: Vec::new() }
     }
 }
@@ -117,140 +118,123 @@ impl Scene {
 
 impl<'a> Transport<'a> {
     /// Follows the paths of two groups, of which each lends light among itself, where it may: among those of the same wavelengths, without connections to light paths. How many a light is lent to goes by the light of the other
-    /// group ([`super::reuse_extent`]); without another one to all.
-    pub fn follow_groups<T: Divisible>(&self, groups: [&'a [CameraPath<'a>]; 2], tally: impl Fn() -> T) -> Vec<T> {
+    /// group ([`super::reuse_extent`]); without another one to all. With the work of both.
+    pub fn follow_groups<T: Divisible>(&self, groups: [&'a [CameraPath<'a>]; 2], tally: impl Fn() -> T) -> (Vec<T>, Work) {
+        let mut segments = 0;
         let mut followed = groups.map(|cameras| {
             let lends = cameras.len() >= 2 && may_lend(cameras, self.scene);
             let mut group = Group::of(cameras.len());
-            let follow = |(number, camera)| match lends {
-                true => self.follow_divided(camera, tally(), number, &mut group),
-                false => self.follow(camera, tally()),
+            let follow = |(number, camera)| {
+                let mut path = self.begin(camera, tally());
+                match lends {
+                    true => self.follow_divided(&mut path, number, &mut group),
+                    false => self.follow_to_end(&mut path),
+                }
+                segments += path.segment_index;
+                path.tally
             };
             let tallies = cameras.iter().enumerate().map(follow).collect();
             Followed { group, tallies }
         });
         let of_other = [1, 0].map(|other: usize| followed[other].levels());
+        let mut sight = Sight::default();
         for (followed, [direct, all]) in followed.iter_mut().zip(of_other) {
             let Followed { group: Group { receivers, donors, sky, lamps }, tallies } = followed;
-            self.lend_sky(receivers, sky, direct, tallies);
-            self.lend_lamps(receivers, lamps, direct, tallies);
-            self.lend(receivers, donors, all, tallies);
+            self.lend_sky(receivers, sky, direct, tallies, &mut sight);
+            self.lend_lamps(receivers, lamps, direct, tallies, &mut sight);
+            self.lend(receivers, donors, all, tallies, &mut sight);
         }
-        followed.into_iter().flat_map(|followed| followed.tallies).collect()
+        let tallies = followed.into_iter().flat_map(|followed| followed.tallies).collect();
+        (tallies, Work { segments, reuse_rays: sight.cast })
     }
 
     /// Follows a path, and leaves out of its tally what its donor brings and what it sees of the environment from its receiver.
-    fn follow_divided<T: Divisible>(&self, camera: &'a CameraPath<'a>, tally: T, number: usize, group: &mut Group<'a>) -> T {
+    fn follow_divided<T: Divisible>(&self, path: &mut Path<'a, T>, number: usize, group: &mut Group<'a>) {
         let Group { receivers, donors, sky, lamps } = group;
-        let mut path = self.begin(camera, tally);
         let mut at_rough = false;
-        let (before, time_s) = (receivers.all.len(), path.ray.time_s);
+        let before = receivers.all.len();
         while !at_rough {
             // What other ways bring goes by more than one event: it must not decide how far direct light is lent.
             path.keep_apart();
-            let mut hit = self.find_hit(&path);
-            let next = self.arrive(&mut path, hit.as_mut(), |path, place| {
+            let mut hit = self.find_hit(path);
+            let next = self.arrive(path, hit.as_mut(), |path, place| {
                 let here = match place {
                     Place::Surface(here) => here,
                     Place::Medium(here) => {
                         at_rough = true;
-                        return self.receive_in_medium(path, &here, number, receivers);
+                        return self.receive_in_medium(path, here, number, receivers);
                     }
                 };
                 at_rough = !here.bsdf.is_specular();
-                let (throughput, depth, medium) = (path.throughput, path.depth(), path.medium_stack.medium(self.scene));
                 let receives = at_rough && self.may_receive(path) && !here.bsdf.is_fiber() && !here.surface.is_strand();
-                let next = self.scatter_light(path, &here.vertex());
                 if receives {
-                    let Arrival { surface, bsdf, .. } = here;
-                    let (point, ng, ns) = (surface.point, bsdf.side_normal(), bsdf.shading_normal());
-                    let lobe = bsdf.diffuse_albedo().map_or(Lobe::Bsdf, Lobe::Diffuse);
-                    let (origin, lights) = (offset_origin(point, ng), self.scene.lights());
-                    let sky_probability = lights.environment_probability(point, bsdf.light_normal(), path.flash);
-                    receivers.all.push(Receiver {
-                        path: number,
-                        point,
-                        origin,
-                        ng,
-                        ns,
-                        throughput,
-                        lobe,
-                        medium,
-                        depth,
-                        time_s,
-                        flash: path.flash,
-                        sky_probability,
-                        direct: 0.0,
-                        onward: 0.0,
-                    });
-                    receivers.bsdfs.push(Some(bsdf));
+                    let (surface, bsdf) = (here.surface, here.bsdf);
+                    let lobe = receivers.lobe(bsdf);
+                    let normals = [bsdf.side_normal(), bsdf.shading_normal()];
+                    let lights = self.scene.lights();
+                    let sky_probability = lights.environment_probability(surface.point, bsdf.light_normal(), path.flash);
+                    let receiver = self.receiver(path, number, surface.point, normals, lobe);
+                    receivers.all.push(Receiver { sky_probability, ..receiver });
                 }
-                next
+                self.scatter_light(path, &here)
             });
             if let Some(receiver) = receivers.all.get(before).filter(|receiver| self.is_in_vacuum(receiver)) {
-                sky.extend(self.take_sky_sample(&mut path, receiver));
-                lamps.extend(self.take_lamp_sample(&mut path, receiver));
+                sky.extend(self.take_sky_sample(path, receiver));
+                lamps.extend(self.take_lamp_sample(path, receiver));
             }
-            self.connect_to_light(&mut path);
+            self.connect_to_light(path);
             let direct = mean(path.tally.all());
             path.join_apart();
             if next == Next::Ended {
-                return path.tally;
+                return;
             }
             if let Some(receiver) = receivers.all.get_mut(before) {
                 (receiver.direct, receiver.onward) = (direct, mean(path.throughput));
             }
         }
-        let Some(receiver) = receivers.all.get(before) else { return self.follow_on(path) };
+        let Some(receiver) = receivers.all.get(before) else { return self.follow_to_end(path) };
         // A surface may also be a mirror, by chance, or let light through.
         let was_rough = path.last.is_some_and(|last| last.point == receiver.point);
         if !was_rough || !receiver.faces(path.ray.direction) {
-            return self.follow_on(path);
+            return self.follow_to_end(path);
         }
-        let mut hit = self.find_hit(&path);
+        let mut hit = self.find_hit(path);
         if self.is_in_vacuum(receiver) {
             if hit.is_none()
-                && let Some(sample) = self.scattered_to_sky(&path, receiver)
+                && let Some(sample) = self.scattered_to_sky(path, receiver)
             {
                 sky.push(sample);
-                self.see_discs(&mut path);
-                return path.tally;
+                self.see_discs(path);
+                return;
             }
-            if let Some(sample) = hit.as_ref().and_then(|surface| self.scattered_to_lamp(&path, receiver, surface)) {
+            if let Some(sample) = hit.as_ref().and_then(|surface| self.scattered_to_lamp(path, receiver, surface)) {
                 lamps.push(sample);
                 path.leaves_out_emission = true;
             }
         }
         let (mut donor, mut suspended) = (None, None);
         let blends = self.scene.has_blends();
-        let mut next = self.arrive(&mut path, hit.as_mut(), |path, place| {
+        let mut next = self.arrive(path, hit.as_mut(), |path, place| {
             let end = match &place {
-                Place::Surface(here) => offset_origin(here.surface.point, here.bsdf.side_normal()),
+                Place::Surface(here) => offset_origin(here.surface.point, here.ng),
                 Place::Medium(here) => here.segment.point(&here.on),
             };
             // The path itself may have gone through a blended surface.
             if !may_be_donor(path, &place) || blends && receiver.may_not_see(self.scene, end) {
                 return self.scatter_at(path, place);
             }
-            let (next, mut found, kept) = match &place {
-                Place::Surface(here) => self.scatter_apart(path, here, number),
-                Place::Medium(here) => self.scatter_apart_in_medium(path, here, number),
-            };
-            if let (Scatterer::Surface { bsdf, .. }, Place::Surface(here)) = (&mut found.scatterer, place)
-                && here.bsdf.diffuse_albedo().is_none()
-            {
-                *bsdf = Some(Box::new((here.bsdf, here.material.orientation(here.surface))));
+            match place {
+                Place::Surface(here) => self.scatter_apart(path, &here, number, &mut donor, &mut suspended),
+                Place::Medium(here) => self.scatter_apart_in_medium(path, here, number, &mut donor, &mut suspended),
             }
-            (donor, suspended) = (Some(found), kept);
-            next
         });
         path.leaves_out_emission = false;
-        self.connect_to_light(&mut path);
+        self.connect_to_light(path);
         let (mut before_surface, mut emitted) = (None, SampledSpectrum::ZERO);
-        if suspended.as_ref().is_some_and(|suspended: &Suspended<T>| suspended.is_joint) {
+        if suspended.as_ref().is_some_and(|suspended| suspended.is_joint) {
             while next == Next::GoesOn && before_surface.is_none() {
-                let mut hit = self.find_hit(&path);
-                next = self.arrive(&mut path, hit.as_mut(), |path, place| {
+                let mut hit = self.find_hit(path);
+                next = self.arrive(path, hit.as_mut(), |path, place| {
                     // Light through glass and over mirrors was found in two ways, of which narrow lobes decide how much each counts.
                     let in_two_ways = match &place {
                         Place::Surface(here) if here.bsdf.is_specular() => {
@@ -263,41 +247,39 @@ impl<'a> Transport<'a> {
                     }
                     self.scatter_at(path, place)
                 });
-                self.connect_to_light(&mut path);
+                self.connect_to_light(path);
             }
         }
         if suspended.as_ref().is_some_and(|suspended| suspended.keeps_emission) {
             path.emission_apart = Some(SampledSpectrum::ZERO);
             while next == Next::GoesOn && path.emission_apart.is_some() {
-                let mut hit = self.find_hit(&path);
-                next = self.arrive(&mut path, hit.as_mut(), |path, place| {
+                let mut hit = self.find_hit(path);
+                next = self.arrive(path, hit.as_mut(), |path, place| {
                     emitted = path.emission_apart.take().unwrap_or_default();
                     self.scatter_at(path, place)
                 });
-                self.connect_to_light(&mut path);
+                self.connect_to_light(path);
             }
             emitted += path.emission_apart.take().unwrap_or_default();
         }
-        let tally = if next == Next::Ended { path.tally } else { self.follow_on(path) };
-        let Some(mut donor) = donor else { return tally };
-        let tally = match suspended {
-            None => tally,
-            Some(Suspended { mut tally_before, depth, throughput, broad, narrow, density, .. }) => {
-                let mut light = tally.all();
-                if let Some(before_surface) = before_surface {
-                    donor.further = Some((donor.found[1].wi, light * density));
-                    light = before_surface.all();
-                }
-                donor.found[1].light = light;
-                donor.radiance += broad * light;
-                tally_before.add(throughput * (narrow * light + broad * emitted), depth + 1);
-                tally_before
+        if next == Next::GoesOn {
+            self.follow_to_end(path);
+        }
+        let Some(mut donor) = donor else { return };
+        if let Some(Suspended { mut tally_before, depth, throughput, broad, narrow, density, .. }) = suspended {
+            let mut light = path.tally.all();
+            if let Some(before_surface) = before_surface {
+                donor.further = Some((donor.found[1].wi, light * density));
+                light = before_surface.all();
             }
-        };
+            donor.found[1].light = light;
+            donor.radiance += broad * light;
+            tally_before.add(throughput * (narrow * light + broad * emitted), depth + 1);
+            path.tally = tally_before;
+        }
         if donor.is_lit() {
             donors.push(donor);
         }
-        tally
     }
 
     /// Adds the light that a medium scatters into the ray, and sends the path on; where it may, it is a receiver there.
@@ -309,27 +291,31 @@ impl<'a> Transport<'a> {
         receivers: &mut Receivers<'a>,
     ) -> Next {
         let MediumVertex { segment, on } = here;
-        let (throughput, point) = (path.throughput, segment.point(on));
-        if self.may_receive(path) && segment.may_scatter(throughput) {
-            receivers.all.push(Receiver {
-                path: number,
-                point,
-                origin: point,
-                ng: Vec3::ZERO,
-                ns: Vec3::ZERO,
-                throughput,
-                lobe: Lobe::Phase { along: segment.ray.direction, asymmetry: segment.medium.asymmetry },
-                medium: path.medium_stack.medium(self.scene),
-                depth: path.depth(),
-                time_s: path.ray.time_s,
-                flash: path.flash,
-                sky_probability: 0.0,
-                direct: 0.0,
-                onward: 0.0,
-            });
-            receivers.bsdfs.push(None);
+        if self.may_receive(path) && segment.may_scatter(path.throughput) {
+            let lobe = Lobe::Phase { along: segment.ray.direction, asymmetry: segment.medium.asymmetry };
+            receivers.all.push(self.receiver(path, number, segment.point(on), [Vec3::ZERO; 2], lobe));
         }
         self.scatter_in_medium(path, here)
+    }
+
+    /// A receiver where a path is, before it goes on; normals: geometric and shading, 0 in a medium. Of light of the sky it knows nothing yet.
+    fn receiver<T: Tally>(&self, path: &Path<'a, T>, number: usize, point: Vec3, [ng, ns]: [Vec3; 2], lobe: Lobe) -> Receiver {
+        Receiver {
+            path: number,
+            point,
+            origin: if ng == Vec3::ZERO { point } else { offset_origin(point, ng) },
+            ng,
+            ns,
+            throughput: path.throughput,
+            lobe,
+            medium: path.medium_stack.medium(self.scene),
+            depth: path.depth(),
+            time_s: path.ray.time_s,
+            flash: path.flash,
+            sky_probability: 0.0,
+            direct: 0.0,
+            onward: 0.0,
+        }
     }
 
     /// Whether a path may receive light where it is.
@@ -348,43 +334,46 @@ impl<'a> Transport<'a> {
         self.scene.medium(receiver.medium).is_none()
     }
 
-    /// Light at a donor, and where the path goes on from there: what is found from now on is the donor's, and the path's own tally is kept, unless a mirror was drawn.
+    /// Light at a donor, and where the path goes on from there: what is found from now on is the donor's, and the path's own tally is kept in `suspended`, unless a mirror was drawn.
     fn scatter_apart<T: Divisible>(
         &self,
         path: &mut Path<'a, T>,
-        here: &Arrival<'_, 'a>,
+        here: &SurfaceVertex<'_, 'a>,
         number: usize,
-    ) -> (Next, Donor<'a>, Option<Suspended<T>>) {
-        let (vertex, bsdf) = (here.vertex(), &here.bsdf);
+        donor: &mut Option<Donor<'a>>,
+        suspended: &mut Option<Suspended<T>>,
+    ) -> Next {
+        let &SurfaceVertex { surface, material, bsdf, .. } = here;
         let [light_numbers, scatter_numbers] =
             path.camera.sampler.get_two([Dimensions::Light(path.vertex), Dimensions::Scatter(path.vertex)]);
         let throughput = std::mem::replace(&mut path.throughput, SampledSpectrum::ONE);
         let mut tally_before = std::mem::take(&mut path.tally);
-        let is_diffuse = bsdf.diffuse_albedo().is_some() && is_untilted(bsdf.shading_normal(), vertex.wo);
+        let is_even = bsdf.diffuse_albedo().is_some();
+        let is_diffuse = is_even && is_untilted(bsdf.shading_normal(), here.wo);
         let (depth, mut even) = (path.depth(), SampledSpectrum::ZERO);
         if let Some(photons) = path.camera.light_paths.photons {
-            self.gather(path, &vertex, photons);
+            self.gather(path, here, photons);
             let light = std::mem::take(&mut path.tally).all();
             match is_diffuse {
                 true => even = light,
                 false => tally_before.add_photons(throughput * light, depth + 2),
             }
         }
-        let chosen = self.choose_light(path, &vertex, light_numbers, None, false);
+        let chosen = self.choose_light(path, here, light_numbers, None, false);
         self.connect_to_light(path);
         let light = std::mem::take(&mut path.tally).all();
         let by_light = chosen.map_or(Found::default(), |c| Found { wi: c.wi, light, through_narrow: !c.has_extent });
-        let wi = self.add_mirrored_light(path, &vertex, false);
+        let wi = self.add_mirrored_light(path, here, false);
         let light = std::mem::take(&mut path.tally).all();
         let mirrored = wi.map_or(Found::default(), |wi| Found { wi, light, through_narrow: false });
         let (mut near_lamp, mut joint) = (Found::default(), None);
-        if let Some((medium, span)) = path.medium_stack.span(self.scene, &path.ray, here.surface.t) {
+        if let Some((medium, span)) = path.medium_stack.span(self.scene, &path.ray, surface.t) {
             let response = |wi: Vec3| {
                 let (f, density) = bsdf.eval(wi);
                 (if f == SampledSpectrum::ZERO { f } else { SampledSpectrum::ONE }, density)
             };
             let add = |_: &mut T, light: SampledSpectrum, _, wi| near_lamp = Found { wi, light, through_narrow: false };
-            joint = self.sample_jointly(path, &vertex, medium, span, response, add);
+            joint = self.sample_jointly(path, here, medium, span, response, add);
         }
         let mut radiance = even;
         for (found, events) in [(&by_light, 1), (&mirrored, 2), (&near_lamp, 2)] {
@@ -394,35 +383,34 @@ impl<'a> Transport<'a> {
                 tally_before.add(throughput * (bsdf.eval(found.wi).0 - broad) * found.light, depth + events);
             }
         }
-        let mut donor = Donor {
+        let donor = donor.insert(Donor {
             path: number,
-            point: here.surface.point,
-            end: offset_origin(here.surface.point, vertex.ng),
-            ng: vertex.ng,
+            point: surface.point,
+            end: offset_origin(surface.point, here.ng),
+            ng: here.ng,
             scatterer: Scatterer::Surface {
-                surface: *here.surface,
-                material: here.material,
+                surface: *surface,
+                material,
                 ns: bsdf.shading_normal(),
                 hero_only: path.hero_only,
                 is_diffuse,
-                bsdf: None,
+                bsdf: (!is_even).then(|| Box::new((bsdf.clone(), material.orientation(surface)))),
             },
             wavelengths: &path.camera.wavelengths,
             found: [by_light, Found::default(), mirrored, near_lamp],
             even,
             radiance,
             further: None,
-        };
+        });
         let Some(scatter) = bsdf.sample(scatter_numbers) else {
             path.tally = tally_before;
-            return (Next::Ended, donor, None);
+            return Next::Ended;
         };
         let u = scatter_numbers[3];
         let broad = bsdf.eval_broad(scatter.wi, BROAD_ALPHA);
-        let is_even = bsdf.diffuse_albedo().is_some();
         if scatter.specular || is_even && broad == SampledSpectrum::ZERO {
             (path.tally, path.throughput) = (tally_before, throughput);
-            return (self.go_along(path, &vertex, scatter, u, None, joint), donor, None);
+            return self.go_along(path, here, scatter, u, None, joint);
         }
         donor.found[1].wi = scatter.wi;
         let all = scatter.weight * scatter.pdf;
@@ -430,11 +418,11 @@ impl<'a> Transport<'a> {
         // What a medium scatters near lamps was found in two ways, one of which knows the donor alone.
         let is_joint = !is_even && joint.is_none();
         let density = scatter.pdf;
-        let suspended = Suspended { tally_before, depth, throughput, broad, narrow, density, is_joint, keeps_emission: false };
+        *suspended = Some(Suspended { tally_before, depth, throughput, broad, narrow, density, is_joint, keeps_emission: false });
         // The same for whoever found the donor.
         path.eta_scale *= ROULETTE_THROUGHPUT * scatter.weight.max_element() * scatter.pdf;
         let weight = SampledSpectrum::splat(1.0 / scatter.pdf);
-        (self.go_along(path, &vertex, Scatter { weight, ..scatter }, u, None, joint), donor, Some(suspended))
+        self.go_along(path, here, Scatter { weight, ..scatter }, u, None, joint)
     }
 
     /// The same where a medium scatters the path. Light of lamps that are seen from there stays the path's own: its weight depends on the segment to there, on which other ways look for it.
@@ -443,7 +431,9 @@ impl<'a> Transport<'a> {
         path: &mut Path<'a, T>,
         here: &MediumVertex<'a>,
         number: usize,
-    ) -> (Next, Donor<'a>, Option<Suspended<T>>) {
+        donor: &mut Option<Donor<'a>>,
+        suspended: &mut Option<Suspended<T>>,
+    ) -> Next {
         let MediumVertex { segment, on } = here;
         let (point, depth) = (segment.point(on), path.depth());
         segment.add_lamp(on, path.throughput, &mut path.tally);
@@ -451,7 +441,7 @@ impl<'a> Transport<'a> {
         let add = |light: SampledSpectrum, _: u32, wi: Vec3| near_lamp = Found { wi, light, through_narrow: false };
         let joint = segment.add_joint(on, SampledSpectrum::ONE, |_| SampledSpectrum::ONE, add);
         let (wi, density) = segment.sample_phase();
-        let donor = Donor {
+        *donor = Some(Donor {
             path: number,
             point,
             end: point,
@@ -462,8 +452,8 @@ impl<'a> Transport<'a> {
             even: SampledSpectrum::ZERO,
             radiance: near_lamp.light * segment.phase(near_lamp.wi),
             further: None,
-        };
-        let suspended = Suspended {
+        });
+        *suspended = Some(Suspended {
             tally_before: std::mem::take(&mut path.tally),
             depth,
             throughput: path.throughput,
@@ -472,16 +462,22 @@ impl<'a> Transport<'a> {
             density,
             is_joint: false,
             keeps_emission: true,
-        };
+        });
         // The same for whoever found the donor.
         path.throughput = SampledSpectrum::splat(1.0 / density);
         path.eta_scale *= ROULETTE_THROUGHPUT * segment.medium.at(segment.wavelengths).albedo().max_element() * density;
-        (self.go_on_in_medium(path, here, (wi, density), joint), donor, Some(suspended))
+        self.go_on_in_medium(path, here, (wi, density), joint)
     }
 
     /// Adds what all donors bring to all receivers.
-    fn lend<T: Divisible>(&self, receivers: &Receivers<'a>, donors: &mut [Donor<'a>], level: LightLevel, tallies: &mut [T]) {
-        let mut sight = Sight::default();
+    fn lend<T: Divisible>(
+        &self,
+        receivers: &Receivers<'a>,
+        donors: &mut [Donor<'a>],
+        level: LightLevel,
+        tallies: &mut [T],
+        sight: &mut Sight,
+    ) {
         let mut lent = Vec::with_capacity(receivers.all.len());
         for donor in donors {
             let Ok(own) = receivers.all.binary_search_by_key(&donor.path, |receiver| receiver.path) else { continue };
@@ -499,7 +495,7 @@ impl<'a> Transport<'a> {
             };
             let shadow_ray = |receiver: &Receiver| faces(receiver).then(|| receiver.ray_to(donor.end));
             let bundle = Bundle::Towards(donor.end);
-            let seeing = sight.of(self, &receivers.all, either, donor.path, bundle, shadow_ray);
+            let seeing = sight.of(self.scene, &receivers.all, either, donor.path, bundle, shadow_ray);
             let between = MediumBetween::new(self.scene, own.medium, donor);
             // Of the donor, and of it and the direction in which its path went on.
             let (mut density, mut joint_density) = (0.0, 0.0);
@@ -507,7 +503,7 @@ impl<'a> Transport<'a> {
                 let receiver = &receivers.all[number];
                 let Some(Way { wi, distance, geometry }) = receiver.way_to(donor.point, donor.ng) else { continue };
                 // Only where nothing hides it does the scattering function count: most of what it costs.
-                let (f, pdf) = receiver.eval(&receivers.bsdfs[number], wi);
+                let (f, pdf) = receivers.eval(receiver, wi);
                 if f == SampledSpectrum::ZERO {
                     continue;
                 }
@@ -537,53 +533,10 @@ impl<'a> Transport<'a> {
     }
 }
 
-/// A homogeneous medium between receivers and a donor.
-struct MediumBetween<'a> {
-    scene: &'a Scene,
-    id: MediumId,
-    sigma: Sigma,
-    /// Whether the medium is what scatters at the donor.
-    ends_in_it: bool,
-}
-
-impl<'a> MediumBetween<'a> {
-    /// `None` where there is none.
-    fn new(scene: &'a Scene, id: MediumId, donor: &Donor<'_>) -> Option<Self> {
-        let (medium, ends_in_it) = (scene.medium(id)?, matches!(donor.scatterer, Scatterer::Medium { .. }));
-        Some(MediumBetween { scene, id, sigma: medium.at(donor.wavelengths), ends_in_it })
-    }
-
-    /// What of the donor's light comes to a receiver, for a donor in the medium over a metre; and the probability that a path comes as far from there that carries so much, or its density, 1/m.
-    #[inline]
-    fn left(&self, receiver: &Receiver, wi: Vec3, distance: f32, carried: SampledSpectrum) -> (SampledSpectrum, f32) {
-        let sigma = &self.sigma;
-        let inside = match self.id {
-            MediumId::Air => {
-                let ray = Ray { origin: receiver.origin, direction: wi, time_s: receiver.time_s };
-                self.scene.air().and_then(|air| air.span(&ray, distance)).map_or(0.0, |[near, far]| far - near)
-            }
-            _ => distance,
-        };
-        flight(sigma, inside, carried, self.ends_in_it)
-    }
-}
-
-/// What is left of light after a way through a medium, for a place in it over a metre; and the probability that a path comes as far that carries so much, or its density, 1/m: of [`Sigma::sample_distance`].
-fn flight(sigma: &Sigma, distance: f32, carried: SampledSpectrum, ends_in_it: bool) -> (SampledSpectrum, f32) {
-    let left = sigma.transmittance(distance);
-    let is_drawn = sigma.scattering != SampledSpectrum::ZERO && carried.element_sum() > 0.0;
-    match (ends_in_it, is_drawn) {
-        (true, true) => (left * sigma.scattering, sigma.density(distance, carried)),
-        (true, false) => (SampledSpectrum::ZERO, 0.0),
-        (false, true) => (left, (carried / carried.element_sum()).dot(left)),
-        (false, false) => (left, 1.0),
-    }
-}
-
 /// Whether what a path finds at a place may be lent.
 fn may_be_donor<T: Tally>(path: &Path<T>, place: &Place) -> bool {
     match place {
-        Place::Surface(Arrival { surface, material, bsdf, .. }) => {
+        Place::Surface(SurfaceVertex { surface, material, bsdf, .. }) => {
             bsdf.only_reflects() && !bsdf.is_specular() && !surface.is_strand() && !material.is_mixed()
         }
         Place::Medium(MediumVertex { segment, .. }) => {
@@ -602,31 +555,4 @@ fn may_lend(cameras: &[CameraPath], scene: &Scene) -> bool {
     cameras.iter().all(|camera| {
         camera.light_paths.vertices.is_none() && camera.wavelengths.nm == first.nm && (!scene.may_disperse() || same_hero(camera))
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::medium::DistanceSample;
-
-    #[test]
-    fn flights_have_the_density_with_which_they_are_drawn() {
-        let scattering = SampledSpectrum::new(0.5, 1.0, 2.0, 0.2);
-        let sigma = Sigma { absorption: SampledSpectrum::splat(0.3), scattering, extinction: scattering + 0.3 };
-        let carried = SampledSpectrum::new(0.1, 0.4, 0.0, 0.5);
-        // The weight of a flight times its density is what is left.
-        for (u, v) in [(0.1, 0.3), (0.4, 0.9), (0.5, 0.05), (0.999, 0.6)] {
-            let (distance, weight, ends_in_it) = match sigma.sample_distance(2.0, [u, v], carried) {
-                DistanceSample::Through(weight) => (2.0, weight, false),
-                DistanceSample::Scattered(distance, weight) => (distance, weight, true),
-            };
-            let (left, density) = flight(&sigma, distance, carried, ends_in_it);
-            assert!((weight * density - left).abs().max_element() < 1e-5, "{distance}: {left} {density}");
-        }
-        // What carries nothing any more comes through and is not scattered, and spoils no sum.
-        assert_eq!(flight(&sigma, 1.0, SampledSpectrum::ZERO, true), (SampledSpectrum::ZERO, 0.0));
-        assert_eq!(flight(&sigma, 1.0, SampledSpectrum::ZERO, false).1, 1.0);
-        let clear = Sigma { scattering: SampledSpectrum::ZERO, extinction: SampledSpectrum::splat(0.3), ..sigma };
-        assert_eq!(flight(&clear, 1.0, carried, false).1, 1.0);
-    }
 }

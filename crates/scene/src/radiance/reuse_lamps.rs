@@ -99,8 +99,14 @@ impl<'a> Transport<'a> {
     }
 
     /// Adds what places on lamps bring to the receivers that they are lent to.
-    pub fn lend_lamps<T: Tally>(&self, receivers: &Receivers<'a>, samples: &[LampSample], level: LightLevel, tallies: &mut [T]) {
-        let mut sight = Sight::default();
+    pub fn lend_lamps<T: Tally>(
+        &self,
+        receivers: &Receivers<'a>,
+        samples: &[LampSample],
+        level: LightLevel,
+        tallies: &mut [T],
+        sight: &mut Sight,
+    ) {
         // What of its radiance goes on for a density of 1/m² on the lamp.
         let mut lent: Vec<(&Receiver, SampledSpectrum)> = Vec::with_capacity(receivers.all.len());
         for sample in samples {
@@ -118,10 +124,10 @@ impl<'a> Transport<'a> {
             let shadow_ray = |receiver: &Receiver| faces(receiver).then(|| receiver.ray_to(sample.end));
             let (among, bundle) = (within(&receivers.all, &part), Bundle::Towards(sample.end));
             let mut density = 0.0;
-            for &number in sight.of(self, &receivers.all, among, sample.path, bundle, shadow_ray) {
+            for &number in sight.of(self.scene, &receivers.all, among, sample.path, bundle, shadow_ray) {
                 let receiver = &receivers.all[number];
                 let Some(Way { wi, distance, geometry }) = receiver.way_to(sample.point, sample.normal) else { continue };
-                let (f, pdf) = receiver.eval(&receivers.bsdfs[number], wi);
+                let (f, pdf) = receivers.eval(receiver, wi);
                 if f == SampledSpectrum::ZERO {
                     continue;
                 }

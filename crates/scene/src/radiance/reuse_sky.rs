@@ -74,8 +74,14 @@ impl<'a> Transport<'a> {
     }
 
     /// Adds what samples of the environment bring to the receivers that they are lent to.
-    pub fn lend_sky<T: Tally>(&self, receivers: &Receivers<'a>, samples: &[SkySample], level: LightLevel, tallies: &mut [T]) {
-        let mut sight = Sight::default();
+    pub fn lend_sky<T: Tally>(
+        &self,
+        receivers: &Receivers<'a>,
+        samples: &[SkySample],
+        level: LightLevel,
+        tallies: &mut [T],
+        sight: &mut Sight,
+    ) {
         let mut lent: Vec<(&Receiver, SampledSpectrum)> = Vec::with_capacity(receivers.all.len());
         for sample in samples.iter().filter(|sample| sample.radiance != SampledSpectrum::ZERO) {
             lent.clear();
@@ -84,9 +90,9 @@ impl<'a> Transport<'a> {
             let shadow_ray = |receiver: &Receiver| faces(receiver).then(|| receiver.ray_towards(sample.wi));
             let (among, bundle) = (within(&receivers.all, &part), Bundle::Along(sample.wi));
             let mut density = 0.0;
-            for &number in sight.of(self, &receivers.all, among, sample.path, bundle, shadow_ray) {
+            for &number in sight.of(self.scene, &receivers.all, among, sample.path, bundle, shadow_ray) {
                 let receiver = &receivers.all[number];
-                let (f, pdf) = receiver.eval(&receivers.bsdfs[number], sample.wi);
+                let (f, pdf) = receivers.eval(receiver, sample.wi);
                 if f == SampledSpectrum::ZERO {
                     continue;
                 }

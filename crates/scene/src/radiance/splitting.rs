@@ -79,11 +79,10 @@ impl<'a> Transport<'a> {
     pub(super) fn pass_specular<T: Tally>(&self, path: &mut Path<'a, T>, hit: Option<&mut Surface>, stream: &mut Stream) -> Next {
         self.arrive(path, hit, |path, place| {
             let Place::Surface(here) = place else { return self.scatter_at(path, place) };
-            let vertex = here.vertex();
             let [choice, roulette] = [stream.draw(), stream.draw()];
-            let scatter = vertex.bsdf.sample([0.5, 0.5, choice, roulette]).filter(|scatter| scatter.specular);
+            let scatter = here.bsdf.sample([0.5, 0.5, choice, roulette]).filter(|scatter| scatter.specular);
             match scatter {
-                Some(scatter) => self.go_along(path, &vertex, scatter, roulette, None, None),
+                Some(scatter) => self.go_along(path, &here, scatter, roulette, None, None),
                 None => Next::Ended,
             }
         })

@@ -219,6 +219,7 @@ impl Adaptive {
 }
 
 /// A table seen from a direction.
+#[derive(Clone)]
 pub(super) struct AdaptiveLobe<'a> {
     table: &'a Adaptive,
     wo: Vec3,

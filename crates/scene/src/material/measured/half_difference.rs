@@ -124,6 +124,7 @@ impl HalfDifference {
 }
 
 /// A table seen from a direction.
+#[derive(Clone)]
 pub(super) struct HalfDifferenceLobe<'a> {
     table: &'a HalfDifference,
     wo: Vec3,

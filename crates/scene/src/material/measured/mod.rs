@@ -105,11 +105,13 @@ impl Table {
 }
 
 /// What a table says of one direction of view.
+#[derive(Clone)]
 pub(super) struct MeasuredLobe<'a> {
     kind: Kind<'a>,
     alpha: f32,
 }
 
+#[derive(Clone)]
 enum Kind<'a> {
     Adaptive(AdaptiveLobe<'a>),
     HalfDifference(HalfDifferenceLobe<'a>),

@@ -12,6 +12,7 @@ use glam::{Quat, Vec3};
 use std::f32::consts::{FRAC_1_PI, TAU};
 
 /// The model at a point.
+#[derive(Clone)]
 pub(in crate::material) struct PrincipledLobes<'a> {
     pub(super) base: SampledSpectrum,
     /// The diffuse base as it counts below the interface.
@@ -47,6 +48,7 @@ pub(in crate::material) struct PrincipledLobes<'a> {
 }
 
 /// A dielectric's reflection made weaker or coloured (KHR_materials_specular): at normal incidence it is `normal`, at grazing `weight`.
+#[derive(Clone)]
 pub(super) struct Tint {
     pub weight: f32,
     /// Of the dielectric itself.
@@ -67,6 +69,7 @@ impl Tint {
 }
 
 /// A film and the bases under it.
+#[derive(Clone)]
 pub(super) struct OverFilm {
     pub layer: FilmLayer,
     /// Index of the dielectric.
