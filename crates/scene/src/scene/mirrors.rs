@@ -31,6 +31,8 @@ pub(crate) struct Mirror {
     axes: [Vec3; 2],
     least: Vec2,
     most: Vec2,
+    /// The place in the middle between, m.
+    middle: Vec3,
     area: f32,
 }
 
@@ -76,9 +78,7 @@ impl Mirror {
 
     /// How much it counts from a place before others.
     fn weight(&self, from: Vec3) -> f32 {
-        let middle = 0.5 * (self.least + self.most);
-        let middle = self.origin + self.axes[0] * middle.x + self.axes[1] * middle.y;
-        (NEAR * NEAR * self.area / middle.distance_squared(from)).min(1.0)
+        (NEAR * NEAR * self.area / self.middle.distance_squared(from)).min(1.0)
     }
 
     fn spread(&mut self, corners: [Vec3; 3]) {
@@ -87,6 +87,8 @@ impl Mirror {
             let at = Vec2::new(self.axes[0].dot(at), self.axes[1].dot(at));
             (self.least, self.most) = (self.least.min(at), self.most.max(at));
         }
+        let middle = 0.5 * (self.least + self.most);
+        self.middle = self.origin + self.axes[0] * middle.x + self.axes[1] * middle.y;
         self.area += area(corners);
     }
 }
@@ -123,9 +125,10 @@ impl Mirrors {
 
     /// One of them by a number from 0 to 1, for a place, and its probability; now and then none where all are far.
     pub fn choose(&self, from: Vec3, mut u: f32) -> Option<(&Mirror, f32)> {
-        let all = self.all_weights(from);
-        for mirror in &self.0 {
-            let probability = mirror.weight(from) / all;
+        let mut weights = [0.0; MOST];
+        let all = self.sum_of_weights(from, &mut weights);
+        for (mirror, weight) in self.0.iter().zip(weights) {
+            let probability = weight / all;
             if u < probability {
                 return Some((mirror, probability));
             }
@@ -136,11 +139,13 @@ impl Mirrors {
 
     /// Probability with which [`Mirrors::choose`] finds a mirror.
     pub fn probability(&self, from: Vec3, mirror: &Mirror) -> f32 {
-        mirror.weight(from) / self.all_weights(from)
+        mirror.weight(from) / self.sum_of_weights(from, &mut [0.0; MOST])
     }
 
-    fn all_weights(&self, from: Vec3) -> f32 {
-        self.0.iter().map(|mirror| mirror.weight(from)).sum::<f32>().max(1.0)
+    /// 1 at least: what is missing is the probability of none. Each weight apart, since they do not wait for one another as the sum does.
+    fn sum_of_weights(&self, from: Vec3, weights: &mut [f32; MOST]) -> f32 {
+        weights.iter_mut().zip(&self.0).for_each(|(weight, mirror)| *weight = mirror.weight(from));
+        weights[..self.0.len()].iter().sum::<f32>().max(1.0)
     }
 }
 
@@ -181,7 +186,8 @@ fn faces(number: u32, description: &Description, object: &Object) -> Vec<Mirror>
             None => {
                 let along = (b - a).normalize();
                 let axes = [along, normal.cross(along)];
-                faces.push(Mirror { object: number, origin: a, normal, axes, least: Vec2::ZERO, most: Vec2::ZERO, area: 0.0 });
+                let (least, most) = (Vec2::ZERO, Vec2::ZERO);
+                faces.push(Mirror { object: number, origin: a, normal, axes, least, most, middle: a, area: 0.0 });
                 faces.len() - 1
             }
         };
