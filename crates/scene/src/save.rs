@@ -102,7 +102,7 @@ impl Store for Writer {
         if !self.raw_pictures.contains_key(&key) {
             let all = || (0..image.height).flat_map(|row| (0..image.width).map(move |column| image.texel(column, row)));
             let (bytes, is_wide): (Vec<u8>, bool) = match image.texel(0, 0) {
-                Texel::Codes(_) => return number,
+                Texel::Codes(_) | Texel::Codes16(_) => return number,
                 Texel::Wide(_) => {
                     let words = |t| if let Texel::Wide(words) = t { words } else { [0; 4] };
                     (all().flat_map(words).flat_map(u16::to_le_bytes).collect(), true)

@@ -1,6 +1,6 @@
 //! Pictures for textures and of light.
 
-use crate::texture::{Image, Texels};
+use crate::texture::Image;
 use diopter_image::Raster;
 use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageFormat};
 use std::io::Cursor;
@@ -72,7 +72,7 @@ pub fn read_codes(bytes: &[u8]) -> Result<Raster<f32>, String> {
     Ok(Raster { width, height, channels: 3, data: picture.into_raw() })
 }
 
-/// Reads a picture of 8-bit codes.
+/// Reads a picture as its file has it: codes of 8 or 16 bits a channel, or numbers.
 fn read_picture(bytes: &[u8]) -> Result<Image, String> {
     let picture = decoded(bytes)?;
     let (width, height) = (picture.width() as usize, picture.height() as usize);
@@ -80,6 +80,16 @@ fn read_picture(bytes: &[u8]) -> Result<Image, String> {
     let pixels = match picture {
         DynamicImage::ImageRgb8(rgb) => rgb.into_raw().as_chunks().0.iter().map(|[r, g, b]| [*r, *g, *b, 255]).collect(),
         DynamicImage::ImageLuma8(grey) => grey.into_raw().into_iter().map(|v| [v, v, v, 255]).collect(),
+        deep @ (DynamicImage::ImageLuma16(_)
+        | DynamicImage::ImageLumaA16(_)
+        | DynamicImage::ImageRgb16(_)
+        | DynamicImage::ImageRgba16(_)) => {
+            let pixels = deep.into_rgba16().into_raw().as_chunks().0.to_vec();
+            return Ok(Image::of_codes16(width, height, pixels));
+        }
+        numbers @ (DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_)) => {
+            return Ok(Image::linear(width, height, numbers.into_rgba32f().into_raw().as_chunks().0.to_vec()));
+        }
         other => other.into_rgba8().into_raw().as_chunks().0.to_vec(),
     };
     Ok(Image::new(width, height, pixels))
@@ -105,7 +115,7 @@ fn decoded(bytes: &[u8]) -> Result<DynamicImage, String> {
     DynamicImage::from_decoder(decoder).map_err(wrong)
 }
 
-/// Reads a picture for a texture: EXR, Radiance and PFM as linear numbers, others as 8-bit codes.
+/// Reads a picture for a texture: EXR, Radiance, PFM and TIFF of floating-point numbers as linear numbers, others as codes.
 pub(super) fn read_texture(bytes: &[u8]) -> Result<Image, String> {
     if !is_light(bytes) {
         return read_picture(bytes).map(Image::kept);
@@ -171,7 +181,7 @@ fn read_pfm(bytes: &[u8]) -> Result<Raster<f32>, String> {
     Ok(picture)
 }
 
-/// Reads a picture of light as linear RGB: EXR, Radiance or PFM as it is, others by the sRGB function.
+/// Reads a picture of light as linear RGB: EXR, Radiance, PFM and TIFF of floating-point numbers as they are, others by the sRGB function.
 pub(super) fn read_light_picture(bytes: &[u8]) -> Result<Raster<f32>, String> {
     if bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]) {
         return diopter_image::exr::read_rgb(Cursor::new(bytes)).map_err(|e| e.to_string());
@@ -182,11 +192,13 @@ pub(super) fn read_light_picture(bytes: &[u8]) -> Result<Raster<f32>, String> {
     if is_pfm(bytes) {
         return read_pfm(bytes);
     }
-    let Image { width, height, texels: Texels::Codes(pixels), .. } = read_picture(bytes)? else {
-        return Err("it is no picture of 8-bit codes".into());
-    };
-    let linear = |c: &u8| diopter_light::color::srgb_decode(f32::from(*c) / 255.0);
-    let data = pixels.iter().flat_map(|p| [linear(&p[0]), linear(&p[1]), linear(&p[2])]).collect();
+    let picture = decoded(bytes)?;
+    let is_linear = matches!(picture, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_));
+    let picture = picture.into_rgb32f();
+    let (width, height, mut data) = (picture.width() as usize, picture.height() as usize, picture.into_raw());
+    if !is_linear {
+        data.iter_mut().for_each(|v| *v = diopter_light::color::srgb_decode(*v));
+    }
     Ok(Raster { width, height, channels: 3, data })
 }
 
@@ -210,6 +222,7 @@ fn read_hdr(bytes: &[u8]) -> Result<Raster<f32>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::texture::{Texel, Texels};
 
     #[test]
     fn float_maps_are_read_from_the_bottom_in_both_orders() {
@@ -297,6 +310,21 @@ mod tests {
             let Texels::Codes(codes) = &read.texels else { panic!("codes") };
             assert_eq!((read.width, read.height, codes[4]), (3, 2, [80, 200, 9, 255]), "{format:?}");
         }
+        // Of 16 bits, with a step that 8 bits do not have, and of numbers above 1.
+        let deep = image::ImageBuffer::from_fn(2, 1, |x, _| image::Rgb([1000u16 + x as u16, 2000, 65535]));
+        for format in [ImageFormat::Png, ImageFormat::Tiff] {
+            let mut bytes = Vec::new();
+            deep.write_to(&mut Cursor::new(&mut bytes), format).unwrap();
+            assert_eq!(read_texture(&bytes).unwrap().texel(1, 0), Texel::Codes16([1001, 2000, 65535, 65535]));
+            let light = read_light_picture(&bytes).unwrap();
+            assert_eq!((light.data[3], light.data[5]), (diopter_light::color::srgb_decode(1001.0 / 65535.0), 1.0));
+        }
+        let mut bytes = Vec::new();
+        image::Rgb32FImage::from_pixel(1, 1, image::Rgb([2.5, 0.0, 1.0]))
+            .write_to(&mut Cursor::new(&mut bytes), ImageFormat::Tiff)
+            .unwrap();
+        assert_eq!(read_texture(&bytes).unwrap().texel(0, 0), Texel::Linear([2.5, 0.0, 1.0, 1.0]));
+        assert_eq!(read_light_picture(&bytes).unwrap().data, [2.5, 0.0, 1.0]);
         assert!(read_texture(b"what is this").unwrap_err().contains("none of"));
         for (version, name) in [("20", "KTX 2"), ("11", "KTX 1")] {
             let bytes = [b"\xabKTX ".as_slice(), version.as_bytes(), b"\xbb\r\n\x1a\n"].concat();

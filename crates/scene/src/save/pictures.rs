@@ -15,13 +15,21 @@ impl Writer {
         if let Some(number) = self.known.get(&key) {
             return *number;
         }
+        if let Texel::Codes16(_) = image.texel(0, 0) {
+            let pixels = (0..image.height).flat_map(|row| (0..image.width).map(move |column| image.texel(column, row)));
+            let words = |texel| if let Texel::Codes16(words) = texel { words } else { [0; 4] };
+            let picture = image::ImageBuffer::from_raw(image.width as u32, image.height as u32, pixels.flat_map(words).collect());
+            let number = self.png(picture.map(image::DynamicImage::ImageRgba16));
+            self.known.insert(key, number);
+            return number;
+        }
         let code = |v: f32| (srgb_encode(v.clamp(0.0, 1.0)) * 255.0 + 0.5) as u8;
         let mut pixels = Vec::with_capacity(image.width * image.height * 4);
         for row in 0..image.height {
             for column in 0..image.width {
                 pixels.extend(match image.texel(column, row) {
                     Texel::Codes(codes) => codes,
-                    Texel::Wide(words) => {
+                    Texel::Codes16(words) | Texel::Wide(words) => {
                         let [r, g, b, a] = words.map(|w| f32::from(w) / 65535.0);
                         [code(r), code(g), code(b), (a * 255.0 + 0.5) as u8]
                     }
@@ -34,14 +42,14 @@ impl Writer {
                 });
             }
         }
-        let number = self.png(image.width, image.height, pixels);
+        let number = self.png(rgba(image.width, image.height, pixels));
         self.known.insert(key, number);
         number
     }
 
-    pub(super) fn png(&mut self, width: usize, height: usize, rgba: Vec<u8>) -> usize {
+    pub(super) fn png(&mut self, picture: Option<image::DynamicImage>) -> usize {
         let mut bytes = Vec::new();
-        if let Some(picture) = image::RgbaImage::from_raw(width as u32, height as u32, rgba)
+        if let Some(picture) = picture
             && let Err(e) = picture.write_to(&mut std::io::Cursor::new(&mut bytes), image::ImageFormat::Png)
         {
             self.warn(&format!("a picture could not be written: {e}"));
@@ -58,15 +66,15 @@ impl Writer {
             Codes::Srgb => srgb_encode(v.clamp(0.0, 1.0)),
             Codes::Linear => v.clamp(0.0, 1.0),
         };
-        let mut rgba = Vec::with_capacity(SIDE * SIDE * 4);
+        let mut pixels = Vec::with_capacity(SIDE * SIDE * 4);
         for y in 0..SIDE {
             for x in 0..SIDE {
                 let uv = Vec2::new((x as f32 + 0.5) / SIDE as f32, (y as f32 + 0.5) / SIDE as f32);
                 let c = f(&[uv; 2]);
-                rgba.extend([encode(c.x), encode(c.y), encode(c.z), c.w.clamp(0.0, 1.0)].map(|v| (v * 255.0 + 0.5) as u8));
+                pixels.extend([encode(c.x), encode(c.y), encode(c.z), c.w.clamp(0.0, 1.0)].map(|v| (v * 255.0 + 0.5) as u8));
             }
         }
-        let source = self.png(SIDE, SIDE, rgba);
+        let source = self.png(rgba(SIDE, SIDE, pixels));
         self.textures.push(json!({ "source": source }));
         json!({ "index": self.textures.len() - 1 })
     }
@@ -131,4 +139,9 @@ impl Sink for Writer {
             }
         }
     }
+}
+
+/// A picture of 8-bit codes.
+fn rgba(width: usize, height: usize, pixels: Vec<u8>) -> Option<image::DynamicImage> {
+    image::RgbaImage::from_raw(width as u32, height as u32, pixels).map(image::DynamicImage::ImageRgba8)
 }

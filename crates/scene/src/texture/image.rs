@@ -6,13 +6,13 @@ use super::paged::{Paged, RESIDENT};
 use glam::Vec3;
 use std::sync::Arc;
 
-/// How the 8-bit codes of an image relate to numbers.
+/// How the codes of an image relate to numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Codes {
     /// Colour: the sRGB transfer function (alpha is linear).
     Srgb,
-    /// Data: code / 255.
+    /// Data: code / 255, or 65535 of those of 16 bits.
     Linear,
 }
 
@@ -37,6 +37,8 @@ pub struct Image {
 pub enum Texels {
     /// 8 bits a channel.
     Codes(Vec<[u8; 4]>),
+    /// 16 bits a channel.
+    Codes16(Vec<[u16; 4]>),
     /// Linear light in 16 bits a channel, 65535 for 1: what smaller copies of pictures of codes are kept in.
     Wide(Vec<[u16; 4]>),
     /// Linear numbers of any size.
@@ -51,6 +53,8 @@ pub enum Texels {
 pub enum Texel {
     /// 8 bits a channel.
     Codes([u8; 4]),
+    /// 16 bits a channel.
+    Codes16([u16; 4]),
     /// Linear light, 65535 for 1.
     Wide([u16; 4]),
     /// Linear numbers.
@@ -61,7 +65,7 @@ impl Texels {
     pub(super) fn is_opaque(&self) -> bool {
         match self {
             Texels::Codes(all) => all.iter().all(|p| p[3] == 255),
-            Texels::Wide(all) => all.iter().all(|p| p[3] == u16::MAX),
+            Texels::Codes16(all) | Texels::Wide(all) => all.iter().all(|p| p[3] == u16::MAX),
             Texels::Linear(all) => all.iter().all(|p| p[3] == 1.0),
             Texels::Paged(paged) => paged.is_opaque(),
         }
@@ -72,6 +76,11 @@ impl Image {
     /// From codes of 8 bits, RGBA, row by row from the top; `pixels` are `width` × `height`.
     pub fn new(width: usize, height: usize, pixels: Vec<[u8; 4]>) -> Self {
         Image { width, height, texels: Texels::Codes(pixels), held: None, levels: Levels::default() }
+    }
+
+    /// From codes of 16 bits.
+    pub(crate) fn of_codes16(width: usize, height: usize, pixels: Vec<[u16; 4]>) -> Self {
+        Image { width, height, texels: Texels::Codes16(pixels), held: None, levels: Levels::default() }
     }
 
     /// From linear numbers, RGBA, row by row from the top; `pixels` are `width` × `height`.
@@ -92,7 +101,7 @@ impl Image {
     /// Whether its pixels are numbers of any size.
     pub(super) fn holds_numbers(&self) -> bool {
         match &self.texels {
-            Texels::Codes(_) | Texels::Wide(_) => false,
+            Texels::Codes(_) | Texels::Codes16(_) | Texels::Wide(_) => false,
             Texels::Linear(_) => true,
             Texels::Paged(paged) => paged.holds_numbers(),
         }
@@ -112,7 +121,7 @@ impl Image {
             let (column, row) = ((i % columns) * self.width / columns, (i / columns) * self.height / rows);
             let rgb = match self.texel(column, row) {
                 Texel::Codes([r, g, b, _]) => Vec3::new(r as f32, g as f32, b as f32) / 255.0,
-                Texel::Wide([r, g, b, _]) => Vec3::new(r as f32, g as f32, b as f32) / 65535.0,
+                Texel::Codes16([r, g, b, _]) | Texel::Wide([r, g, b, _]) => Vec3::new(r as f32, g as f32, b as f32) / 65535.0,
                 Texel::Linear([r, g, b, _]) => Vec3::new(r, g, b),
             };
             rgb.max_element() - rgb.min_element() <= TOLERANCE
@@ -125,6 +134,7 @@ impl Image {
     pub fn texel(&self, column: usize, row: usize) -> Texel {
         match &self.texels {
             Texels::Codes(codes) => Texel::Codes(codes[row * self.width + column]),
+            Texels::Codes16(all) => Texel::Codes16(all[row * self.width + column]),
             Texels::Wide(all) => Texel::Wide(all[row * self.width + column]),
             Texels::Linear(all) => Texel::Linear(all[row * self.width + column]),
             Texels::Paged(paged) => paged.texel(column, row),
@@ -139,7 +149,7 @@ impl Image {
     pub(super) fn kept_below(mut self, most: u64) -> Self {
         let bytes = match &self.texels {
             Texels::Codes(all) => all.len() * 4,
-            Texels::Wide(all) => all.len() * 8,
+            Texels::Codes16(all) | Texels::Wide(all) => all.len() * 8,
             Texels::Linear(all) => all.len() * 16,
             Texels::Paged(_) => return self,
         };

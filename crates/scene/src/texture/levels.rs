@@ -5,6 +5,7 @@
 //! "Feline"): isotropic filtering blurs the ground before the horizon. A footprint below a pixel of the picture filters nothing.
 
 use super::{Codes, Image, Interpolation, Texel, Texels, Texture, srgb_table};
+use diopter_light::color::srgb_decode;
 use glam::{Vec2, Vec4};
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
@@ -203,6 +204,9 @@ fn linear_row(image: &Image, codes: Codes, row: usize, out: &mut Vec<Vec4>) {
         // A tile at a time, not a pixel.
         Texels::Paged(paged) => paged.row(row, image.width, |texel| out.push(linear(texel, codes))),
         Texels::Codes(all) => out.extend(all[row * image.width..][..image.width].iter().map(|c| linear(Texel::Codes(*c), codes))),
+        Texels::Codes16(all) => {
+            out.extend(all[row * image.width..][..image.width].iter().map(|c| linear(Texel::Codes16(*c), codes)))
+        }
         Texels::Wide(all) => out.extend(all[row * image.width..][..image.width].iter().map(|c| linear(Texel::Wide(*c), codes))),
         Texels::Linear(all) => {
             out.extend(all[row * image.width..][..image.width].iter().map(|c| linear(Texel::Linear(*c), codes)))
@@ -212,9 +216,10 @@ fn linear_row(image: &Image, codes: Codes, row: usize, out: &mut Vec<Vec4>) {
 
 /// A pixel in linear light.
 #[inline]
-pub(super) fn linear(texel: Texel, codes: Codes) -> Vec4 {
+pub(crate) fn linear(texel: Texel, codes: Codes) -> Vec4 {
     let [r, g, b, a] = match texel {
         Texel::Codes(bytes) => bytes,
+        Texel::Codes16(words) => return linear16(words, codes),
         Texel::Wide(words) => return Vec4::from_array(words.map(f32::from)) * (1.0 / 65535.0),
         Texel::Linear(numbers) => return Vec4::from_array(numbers),
     };
@@ -224,6 +229,16 @@ pub(super) fn linear(texel: Texel, codes: Codes) -> Vec4 {
             Vec4::new(t[r as usize], t[g as usize], t[b as usize], a as f32 / 255.0)
         }
         Codes::Linear => Vec4::new(r as f32, g as f32, b as f32, a as f32) / 255.0,
+    }
+}
+
+/// The same of codes of 16 bits; rare, and apart, since it is long.
+#[inline(never)]
+fn linear16(words: [u16; 4], codes: Codes) -> Vec4 {
+    let [r, g, b, a] = words.map(|word| f32::from(word) * (1.0 / 65535.0));
+    match codes {
+        Codes::Srgb => Vec4::new(srgb_decode(r), srgb_decode(g), srgb_decode(b), a),
+        Codes::Linear => Vec4::new(r, g, b, a),
     }
 }
 

@@ -86,6 +86,8 @@ pub struct Paged {
     across: usize,
     /// Bytes of a pixel.
     size: usize,
+    /// Whether those of 16 bits a channel are codes.
+    are_codes: bool,
     /// Pixels a side of a tile.
     side: usize,
     opaque: bool,
@@ -103,7 +105,7 @@ impl Paged {
         static NEXT: AtomicU64 = AtomicU64::new(0);
         let size = match texels {
             Texels::Codes(_) => 4,
-            Texels::Wide(_) => 8,
+            Texels::Codes16(_) | Texels::Wide(_) => 8,
             Texels::Linear(_) => 16,
             Texels::Paged(p) => p.size,
         };
@@ -114,6 +116,7 @@ impl Paged {
             number: NEXT.fetch_add(1, Ordering::Relaxed),
             across: width.div_ceil(side),
             size,
+            are_codes: matches!(texels, Texels::Codes16(_)),
             side,
             opaque: texels.is_opaque(),
         };
@@ -127,7 +130,9 @@ impl Paged {
                         let at = start + x.min(width - 1);
                         match texels {
                             Texels::Codes(all) => out.write_all(&all[at])?,
-                            Texels::Wide(all) => all[at].iter().try_for_each(|v| out.write_all(&v.to_le_bytes()))?,
+                            Texels::Codes16(all) | Texels::Wide(all) => {
+                                all[at].iter().try_for_each(|v| out.write_all(&v.to_le_bytes()))?
+                            }
                             Texels::Linear(all) => all[at].iter().try_for_each(|v| out.write_all(&v.to_le_bytes()))?,
                             Texels::Paged(_) => unreachable!("what is paged stays where it is"),
                         }
@@ -187,7 +192,10 @@ impl Paged {
         let bytes = &tile[pixel * self.size..(pixel + 1) * self.size];
         match self.size {
             4 => Texel::Codes([bytes[0], bytes[1], bytes[2], bytes[3]]),
-            8 => Texel::Wide(std::array::from_fn(|c| u16::from_le_bytes([bytes[2 * c], bytes[2 * c + 1]]))),
+            8 => {
+                let words = std::array::from_fn(|c| u16::from_le_bytes([bytes[2 * c], bytes[2 * c + 1]]));
+                if self.are_codes { Texel::Codes16(words) } else { Texel::Wide(words) }
+            }
             _ => {
                 let words = bytes.as_chunks::<4>().0;
                 Texel::Linear(std::array::from_fn(|c| words.get(c).map_or(0.0, |w| f32::from_le_bytes(*w))))
@@ -211,6 +219,7 @@ mod tests {
             (Texels::Codes((0..300 * 130u32).map(|i| mix(i).to_le_bytes()).collect()), 300, 130),
             (Texels::Codes((0..70u32).map(|i| (mix(i) | 0xff00_0000).to_le_bytes()).collect()), 1, 70),
             (Texels::Wide((0..91 * 50u32).map(|i| [mix(i) as u16, 1, 2, i as u16]).collect()), 91, 50),
+            (Texels::Codes16((0..91 * 50u32).map(|i| [mix(i) as u16, 1, 2, i as u16]).collect()), 91, 50),
             (Texels::Linear((0..129 * 65u32).map(|i| [i as f32, -1.5, 1e9, 1.0]).collect()), 129, 65),
         ];
         for (texels, width, height) in pictures {
@@ -222,7 +231,7 @@ mod tests {
                 let (x, y) = (mix(i) as usize % width, mix(i ^ 0x5555) as usize % height);
                 let same = match (there.texel(x, y), here.texel(x, y)) {
                     (Texel::Codes(a), Texel::Codes(b)) => a == b,
-                    (Texel::Wide(a), Texel::Wide(b)) => a == b,
+                    (Texel::Wide(a), Texel::Wide(b)) | (Texel::Codes16(a), Texel::Codes16(b)) => a == b,
                     (Texel::Linear(a), Texel::Linear(b)) => a == b,
                     _ => false,
                 };

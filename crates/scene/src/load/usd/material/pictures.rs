@@ -5,8 +5,8 @@ use crate::load::usd::layer::Value;
 use crate::load::usd::stage::Prim;
 use crate::load::usd::world::World;
 use crate::load::{note_missing, read_texture, stand_in};
+use crate::texture::levels::linear;
 use crate::texture::{Codes, Color, Graph, Image, Interpolation, Scalar, Texel, Texels, Texture, Wrap};
-use diopter_light::color::srgb_decode;
 use glam::{Affine2, Vec2, Vec3, Vec4};
 use std::sync::Arc;
 
@@ -79,7 +79,7 @@ impl World<'_> {
                     codes.push(c);
                 }
                 other => {
-                    let mut c = numbers_of(other, Codes::Linear).to_array();
+                    let mut c = linear(other, Codes::Linear).to_array();
                     (0..3).filter(|i| flips[*i]).for_each(|i| c[i] = 1.0 - c[i]);
                     numbers.push(c);
                 }
@@ -110,6 +110,7 @@ impl World<'_> {
             // "auto" looks into the file; what the picture is used for tells the same of usual files.
             _ => usual,
         };
+        // Where nothing is said the specification has black; files that say nothing mean repeats, and are read so elsewhere (Blender).
         let mut wrap = [Wrap::Repeat; 2];
         for (slot, names) in wrap.iter_mut().zip([["wrapS", "uaddressmode"], ["wrapT", "vaddressmode"]]) {
             for name in names {
@@ -214,21 +215,6 @@ fn set_of(uses: &mut Uses, varname: &str) -> usize {
     })
 }
 
-/// A pixel as numbers, of codes as they are meant.
-fn numbers_of(texel: Texel, codes: Codes) -> Vec4 {
-    match texel {
-        Texel::Codes(c) => {
-            let v = Vec4::from_array(c.map(|c| f32::from(c) / 255.0));
-            match codes {
-                Codes::Srgb => Vec3::from_array(v.truncate().to_array().map(srgb_decode)).extend(v.w),
-                _ => v,
-            }
-        }
-        Texel::Wide(c) => Vec4::from_array(c.map(|c| f32::from(c) / 65535.0)),
-        Texel::Linear(v) => Vec4::from_array(v),
-    }
-}
-
 impl Picture {
     /// A picture that shines: one image, since lamps have no graphs. Bias and channel are put into its pixels.
     pub fn light(self) -> Color {
@@ -239,7 +225,7 @@ impl Picture {
         let image = &texture.image;
         let pixels = (0..image.height).flat_map(|row| (0..image.width).map(move |column| image.texel(column, row)));
         let pixels = pixels.map(|texel| {
-            let value = *scale * numbers_of(texel, texture.codes) + *bias;
+            let value = *scale * linear(texel, texture.codes) + *bias;
             let rgb = channel.map_or(value.truncate(), |c| Vec3::splat(value[c]));
             rgb.max(Vec3::ZERO).extend(1.0).to_array()
         });
