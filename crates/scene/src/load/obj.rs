@@ -1,6 +1,7 @@
 //! Wavefront OBJ: meshes with their materials (`mtl`). They bring no light but what glows: the shot adds a studio, a sky or a map.
 
 mod mtl;
+mod smoothing;
 
 use super::mesh::{BYTE_ORDER_MARK, GREY, error};
 use super::polygon::triangulate;
@@ -13,6 +14,7 @@ use crate::texture::{Color, Scalar};
 use diopter_light::color::srgb_decode;
 use glam::{Affine3A, Vec2, Vec3};
 use mtl::{Library, Pictures};
+use smoothing::{smooth, smoothing_groups};
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::io::Cursor;
@@ -56,11 +58,17 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
     d.materials.push(Material::new("grey", Scattering::Diffuse(Color::rgb(GREY, GREY, GREY))));
     let mut of_vertices = None;
     let mut displaced: Vec<(Mesh, usize, Scalar)> = Vec::new();
+    let lacks_normals = models.iter().any(|model| model.mesh.normals.len() < model.mesh.positions.len());
+    let smoothing = if lacks_normals { smoothing_groups(bytes) } else { Vec::new() };
+    let mut faces = 0;
     for model in models {
         let m = model.mesh;
         if m.indices.is_empty() {
             continue;
         }
+        let corners = if m.face_arities.is_empty() { vec![3; m.indices.len() / 3] } else { m.face_arities };
+        let groups = smoothing.get(faces..faces + corners.len()).unwrap_or_default();
+        faces += corners.len();
         let triples = |v: &[f32]| v.chunks_exact(3).map(Vec3::from_slice).collect::<Vec<_>>();
         let mut mesh = Mesh {
             positions: triples(&m.positions),
@@ -71,9 +79,12 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
             triangles: vec![],
             tangents: vec![],
         };
-        mesh.triangles = triangles(&m.indices, &m.face_arities, &mesh.positions);
+        mesh.triangles = triangles(&m.indices, &corners, &mesh.positions);
         if mesh.drop_partial_lists() {
             d.warnings.push(format!("{name}: \"{}\": what only some of the corners have is left out", model.name));
+        }
+        if mesh.normals.is_empty() {
+            smooth(&mut mesh, &m.indices, &corners, groups);
         }
         let material = match m.material_id.filter(|i| *i < grey) {
             Some(number) => number,
@@ -101,9 +112,9 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
     finished(d, name, FACES)
 }
 
-/// Triangles of faces by their numbers of corners; all have three where none are told.
+/// Triangles of faces by their numbers of corners.
 fn triangles(indices: &[u32], corners: &[u32], positions: &[Vec3]) -> Vec<[u32; 3]> {
-    if corners.is_empty() {
+    if corners.iter().all(|count| *count == 3) {
         return indices.as_chunks::<3>().0.to_vec();
     }
     let (mut out, mut left) = (Vec::with_capacity(indices.len()), indices);
@@ -297,7 +308,7 @@ pub(super) fn plain_statements(bytes: &[u8]) -> Cow<'_, [u8]> {
 /// Lines that go on after a backslash, as one line each.
 pub(super) fn joined_lines(bytes: &[u8]) -> Cow<'_, [u8]> {
     let goes_on = |at: usize| bytes[at] == b'\\' && matches!(bytes[at + 1..], [b'\n', ..] | [b'\r', b'\n', ..]);
-    if !(0..bytes.len()).any(goes_on) {
+    if !bytes.contains(&b'\\') || !(0..bytes.len()).any(goes_on) {
         return Cow::Borrowed(bytes);
     }
     let mut out = Vec::with_capacity(bytes.len());

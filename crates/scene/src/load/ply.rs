@@ -158,6 +158,13 @@ pub fn read(bytes: &[u8]) -> Result<Read, PlyError> {
     if mesh.triangles.is_empty() {
         warnings.push("it has no faces: nothing of it is seen".to_owned());
     }
+    for (name, what) in
+        [("red", "colours of faces"), ("texcoord", "texture coordinates of corners, and the picture that they are for,")]
+    {
+        if elements.iter().any(|e| e.name == "face" && e.properties.iter().any(|p| p.name == name)) {
+            warnings.push(format!("{what} are left out"));
+        }
+    }
     // Vertices may come in two parts that say different things.
     if mesh.drop_partial_lists() {
         warnings.push("what only some of the vertices have is left out".to_owned());

@@ -40,6 +40,17 @@ pub fn smooth_normals(mesh: &Mesh) -> Vec<Vec3> {
     grouped_normals(mesh, &Groups::new(mesh.positions.len(), |v| key(mesh.positions[v])))
 }
 
+/// The same, but each vertex by itself: where texture coordinates jump, so do normals.
+pub fn vertex_normals(mesh: &Mesh) -> Vec<Vec3> {
+    let count = mesh.positions.len();
+    grouped_normals(mesh, &Groups { of: (0..count as u32).collect(), count })
+}
+
+/// The same as of [`smooth_normals`], but where a vertex belongs to: vertices at a position share a normal only where that is the same, too.
+pub fn normals_by<K: Ord + Send>(mesh: &Mesh, of: impl Fn(usize) -> K + Sync) -> Vec<Vec3> {
+    grouped_normals(mesh, &Groups::new(mesh.positions.len(), |v| (key(mesh.positions[v]), of(v))))
+}
+
 fn grouped_normals(mesh: &Mesh, groups: &Groups) -> Vec<Vec3> {
     let mut sums = vec![DVec3::ZERO; groups.count];
     for triangle in &mesh.triangles {

@@ -20,7 +20,7 @@ mod topology;
 #[cfg(test)]
 mod tests;
 
-pub use displacement::{displace, displace_vertices, smooth_normals};
+pub use displacement::{displace, displace_vertices, normals_by, smooth_normals, vertex_normals};
 pub use edge_split::{Splitting, split_edges_by, split_long_edges, split_long_edges_up_to};
 pub use mesh::Channels;
 

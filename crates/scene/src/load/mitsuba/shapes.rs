@@ -8,6 +8,7 @@ use crate::load::obj::plain_statements;
 use crate::load::pbrt::shapes::grid;
 use crate::load::{lossy, ply, unzipped};
 use crate::shape::Mesh;
+use crate::subdivision::vertex_normals;
 use glam::{DMat4, DVec3, Vec2, Vec3};
 use std::f32::consts::TAU;
 use std::io::{Cursor, Read as _};
@@ -99,20 +100,6 @@ pub fn read(kind: &str, bytes: Vec<u8>, part: usize) -> Result<Mesh, String> {
     }
 }
 
-/// Unit normals at the corners of triangles: the mean of those of the triangles around, by their angles there; +z where there are none. Source: Thürmer & Wüthrich 1998, "Computing Vertex Normals from Polygonal Facets".
-pub fn smooth_normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
-    let mut sums = vec![DVec3::ZERO; positions.len()];
-    for triangle in triangles {
-        let corners = triangle.map(|i| positions[i as usize].as_dvec3());
-        let Some(normal) = (corners[1] - corners[0]).cross(corners[2] - corners[0]).try_normalize() else { continue };
-        for k in 0..3 {
-            let [to_next, to_last] = [1, 2].map(|step| (corners[(k + step) % 3] - corners[k]).normalize_or_zero());
-            sums[triangle[k] as usize] += normal * to_next.dot(to_last).clamp(-1.0, 1.0).acos();
-        }
-    }
-    sums.into_iter().map(|sum| sum.normalize_or(DVec3::Z).as_vec3()).collect()
-}
-
 /// All groups of an OBJ file as one mesh.
 fn obj(bytes: &[u8]) -> Result<Mesh, String> {
     let bytes = &*plain_statements(bytes);
@@ -130,21 +117,28 @@ fn obj(bytes: &[u8]) -> Result<Mesh, String> {
             continue;
         }
         let first = mesh.positions.len() as u32;
-        let positions: Vec<Vec3> = m.positions.chunks_exact(3).map(Vec3::from_slice).collect();
-        let triangles = m.indices.as_chunks::<3>().0;
+        let mut part = Mesh {
+            positions: m.positions.chunks_exact(3).map(Vec3::from_slice).collect(),
+            triangles: m.indices.as_chunks::<3>().0.to_vec(),
+            ..Mesh::default()
+        };
         // Groups that lack what others have do not take it from them.
-        match has_normals(m) {
-            true => mesh.normals.extend(m.normals.chunks_exact(3).map(|n| Vec3::from_slice(n).normalize_or(Vec3::Z))),
-            false if normals => mesh.normals.extend(smooth_normals(&positions, triangles)),
-            false => (),
+        if normals {
+            part.normals = match has_normals(m) {
+                true => m.normals.chunks_exact(3).map(|n| Vec3::from_slice(n).normalize_or(Vec3::Z)).collect(),
+                false => vertex_normals(&part),
+            };
         }
-        match has_uvs(m) {
-            true => mesh.uvs[0].extend(m.texcoords.chunks_exact(2).map(Vec2::from_slice)),
-            false if uvs => mesh.uvs[0].extend(positions.iter().map(|_| Vec2::ZERO)),
-            false => (),
+        if uvs {
+            part.uvs[0] = match has_uvs(m) {
+                true => m.texcoords.chunks_exact(2).map(Vec2::from_slice).collect(),
+                false => vec![Vec2::ZERO; part.positions.len()],
+            };
         }
-        mesh.positions.extend(positions);
-        mesh.triangles.extend(triangles.iter().map(|t| t.map(|i| i + first)));
+        mesh.positions.extend(part.positions);
+        mesh.normals.extend(part.normals);
+        mesh.uvs[0].extend(&part.uvs[0]);
+        mesh.triangles.extend(part.triangles.iter().map(|t| t.map(|i| i + first)));
     }
     if mesh.triangles.is_empty() {
         return Err("it has no faces".to_owned());

@@ -27,7 +27,12 @@ pub struct Node {
 const VALUES: [&str; 12] =
     ["float", "integer", "boolean", "string", "point", "vector", "rgb", "srgb", "spectrum", "blackbody", "transform", "texture"];
 /// Values that no picture of a real camera depends on: where rays are cut off, how samples are drawn and texels kept, and the shutter, which is the camera's own.
-const WITHOUT_EFFECT: [&str; 16] = [
+const WITHOUT_EFFECT: [&str; 21] = [
+    "rr_depth",
+    "strict_normals",
+    "samples_per_pass",
+    "emitter_samples",
+    "bsdf_samples",
     "near_clip",
     "far_clip",
     "shutter_open",

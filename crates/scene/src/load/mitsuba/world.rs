@@ -11,6 +11,7 @@ use crate::load::pbrt::shapes as round;
 use crate::material::{Interior, Material, Scattering};
 use crate::medium::Medium;
 use crate::scene::{Description, Object, Shape};
+use crate::subdivision::vertex_normals;
 use glam::{Affine3A, DMat4};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -60,11 +61,11 @@ impl<'a> World<'a> {
                 "emitter" => lights::add(&mut self.context, child)?,
                 "sensor" => camera::add(&mut self.context, child)?,
                 "integrator" => {
-                    if !matches!(
-                        child.kind(),
-                        "path" | "volpath" | "volpathmis" | "prbvolpath" | "prb" | "bdpt" | "moment" | "aov"
-                    ) {
+                    if matches!(child.kind(), "direct" | "ao") {
                         self.context.skip_unsupported(format!("integrator \"{}\": all light is followed", child.kind()));
+                    }
+                    if boolean(child, "hide_emitters", false)? {
+                        self.context.skip_unsupported("\"hide_emitters\": lamps are seen");
                     }
                     let depth = number(child, "max_depth", -1.0)?;
                     if depth >= 1.0 {
@@ -173,7 +174,7 @@ impl<'a> World<'a> {
                         if flat {
                             mesh.normals.clear();
                         } else if mesh.normals.is_empty() && node.kind() != "serialized" {
-                            mesh.normals = shapes::smooth_normals(&mesh.positions, &mesh.triangles);
+                            mesh.normals = vertex_normals(&mesh);
                         }
                         if flip {
                             round::reverse(&mut mesh);

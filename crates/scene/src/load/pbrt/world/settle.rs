@@ -46,20 +46,21 @@ impl World<'_> {
                 })?,
             };
             // What has pictures or is brushed needs pbrt's texture coordinates.
-            if let (Some(place), None) = (m.ball, &m.area_light)
-                && (m.alpha.is_some() || self.materials.made(number).material.as_ref().is_some_and(Material::needs_coordinates))
-            {
+            let needs_coordinates =
+                m.alpha.is_some() || self.materials.made(number).material.as_ref().is_some_and(Material::needs_coordinates);
+            if let (Some(place), None, true) = (m.ball, &m.area_light, needs_coordinates) {
                 let mesh = *unit_ball.get_or_insert_with(|| {
                     self.context.description.meshes.push(shapes::ball(1.0).into());
                     self.context.description.meshes.len() as u32 - 1
                 });
                 m.shape = Shape::Mesh { mesh, world_from_mesh: affine(place) };
             }
-            if let Shape::Mesh { mesh, .. } = m.shape
-                && (m.alpha.is_some() || self.materials.made(number).material.as_ref().is_some_and(Material::needs_coordinates))
-                && self.context.description.meshes[mesh as usize].uvs[0].is_empty()
-            {
-                shapes::own_uvs(Arc::make_mut(&mut self.context.description.meshes[mesh as usize]));
+            if let (Shape::Mesh { mesh, .. }, true) = (m.shape, needs_coordinates) {
+                let mesh = &mut self.context.description.meshes[mesh as usize];
+                // Only then a copy of its own, if others hold it.
+                if mesh.uvs[0].is_empty() {
+                    shapes::own_uvs(Arc::make_mut(mesh));
+                }
             }
             let key = (number, m.media.clone());
             if let (Some(known), None, None) = (plain.get(&key), &m.area_light, &m.alpha) {
