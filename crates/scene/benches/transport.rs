@@ -9,7 +9,7 @@ use diopter_light::random::{Dimensions, Sampler, SamplerKind};
 use diopter_light::wavelength::WavelengthSampler;
 use diopter_light::{Ray, SampledWavelengths, sampling};
 use diopter_scene::material::{Material, Scattering};
-use diopter_scene::shape::{Mesh, Surface, offset_origin};
+use diopter_scene::shape::{Mesh, Surface};
 use diopter_scene::texture::Color;
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape, builtin};
 use glam::{Affine3A, Vec3};
@@ -100,7 +100,7 @@ fn mean_events(
                 left = 1.0;
             }
             let n = if scatter.transmitted { -bsdf.side_normal() } else { bsdf.side_normal() };
-            ray = Ray { origin: offset_origin(s.point, n), direction: scatter.wi, ..ray };
+            ray = Ray { origin: s.beside(n), direction: scatter.wi, ..ray };
         }
     }
     f64::from(events) / f64::from(walked.max(1))
@@ -126,7 +126,7 @@ fn measure(title: &str, description: Description, [look_from, look_at]: [Vec3; 2
             let n = side(s, &primary[*i]);
             let [u, v, ..] = sampler_of(*i as u32, 0).get(Dimensions::Scatter(0));
             let (d, (x, y)) = (sampling::cosine_hemisphere([u, v]), sampling::frame(n));
-            Ray { origin: offset_origin(s.point, n), direction: x * d.x + y * d.y + n * d.z, time_s: 0.0 }
+            Ray { origin: s.beside(n), direction: x * d.x + y * d.y + n * d.z, time_s: 0.0 }
         })
         .collect();
     let shadow: Vec<(Ray, f32)> = surfaces
@@ -136,10 +136,7 @@ fn measure(title: &str, description: Description, [look_from, look_at]: [Vec3; 2
             let [u, v, w, _] = sampler_of(*i as u32, 0).get(Dimensions::Light(0));
             let (light, _) = scene.lights().choose(s.point, n, w, false)?;
             let light_sample = scene.lights().sample_li(light, s.point, [u, v])?;
-            Some((
-                Ray { origin: offset_origin(s.point, n), direction: light_sample.wi, time_s: 0.0 },
-                light_sample.distance * 0.999,
-            ))
+            Some((Ray { origin: s.beside(n), direction: light_sample.wi, time_s: 0.0 }, light_sample.distance * 0.999))
         })
         .collect();
     let closest = |rays: &[Ray]| {

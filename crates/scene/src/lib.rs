@@ -33,6 +33,7 @@ pub mod studio;
 pub mod subdivision;
 pub mod texture;
 
+pub use medium_stack::Immersion;
 pub use other_exposure::OtherExposure;
 pub use radiance::{FirstSurface, PathSettings};
 pub use scene::{Description, Object, Scene, Shape};

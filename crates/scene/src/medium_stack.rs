@@ -9,10 +9,24 @@
 use crate::material::{Interior, Material, Principled, Scattering};
 use crate::medium::Medium;
 use crate::scene::Scene;
+use crate::shape::{offset_origin, reach_of};
 use diopter_light::Ray;
+use glam::Vec3;
 
 /// Bodies within bodies that are kept track of.
 const MOST: usize = 8;
+
+/// Most faces that are looked at between the outside and a place.
+const MOST_FACES: u32 = 4096;
+
+/// Which bodies a camera stands in: fog in a box, water, glass.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Immersion(pub(crate) MediumStack);
+
+impl Immersion {
+    /// None.
+    pub const NONE: Immersion = Immersion(MediumStack { said: None, bodies: [0; MOST], count: 0 });
+}
 
 /// Where a path is; at first in the air around all bodies.
 #[derive(Clone, Copy, Debug, Default)]
@@ -60,7 +74,44 @@ impl Scene {
     }
 }
 
+impl Scene {
+    /// The bodies at a point (m): those that straight ways to it from six sides enter and do not leave. None where these say different things, as beside sheets that bound nothing.
+    pub fn immersion_at(&self, point: Vec3) -> Immersion {
+        let bounds = self.bounds();
+        let around = (bounds.center(), 0.5 * bounds.size().length() * 1.001);
+        let has_bodies = self.description().materials.iter().any(|m| !matches!(m.interior, Interior::Same));
+        if !has_bodies || !around.0.is_finite() || !around.1.is_finite() {
+            return Immersion::NONE;
+        }
+        // Not along axes, on which edges and corners often lie.
+        let towards = [Vec3::new(0.03, 1.0, 0.05), Vec3::new(1.0, 0.05, 0.03), Vec3::new(0.05, 0.03, 1.0)].map(Vec3::normalize);
+        let all = [1.0, -1.0].map(|side: f32| towards.map(|normal| MediumStack::at(self, point, normal * side, around)));
+        let first = all[0][0];
+        let agrees = |other: &MediumStack| other.count == first.count && other.medium(self) == first.medium(self);
+        if all.as_flattened().iter().all(agrees) { Immersion(first) } else { Immersion::NONE }
+    }
+}
+
 impl MediumStack {
+    /// Where a point is: in what is entered and not left on a straight line from outside everything, which is within a radius about a middle (m), to the side of the point that `normal` shows.
+    pub fn at(scene: &Scene, point: Vec3, normal: Vec3, (middle, radius): (Vec3, f32)) -> MediumStack {
+        let mut medium_stack = MediumStack::default();
+        let end = offset_origin(point, normal, reach_of([middle]) + radius);
+        let direction = -normal;
+        let mut origin = end + normal * ((middle - end).dot(normal).max(0.0) + 2.0 * radius);
+        for _ in 0..MOST_FACES {
+            let left = (end - origin).dot(direction);
+            if left <= 0.0 {
+                break;
+            }
+            let Some(face) = scene.intersect(&Ray { origin, direction, time_s: 0.0 }, left) else { break };
+            let entering = face.ng.dot(direction) < 0.0;
+            medium_stack.cross(scene, face.object, entering);
+            origin = face.beside(if entering { -face.ng } else { face.ng });
+        }
+        medium_stack
+    }
+
     fn bodies(&self) -> &[u32] {
         &self.bodies[..self.count as usize]
     }

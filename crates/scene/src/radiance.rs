@@ -43,6 +43,7 @@ pub use incident::Incident;
 
 use crate::light::EmitterMis;
 use crate::light_paths::LightPaths;
+use crate::medium_stack::Immersion;
 use crate::scene::Scene;
 use diopter_light::random::Sampler;
 use diopter_light::{Ray, SampledSpectrum, SampledWavelengths};
@@ -81,12 +82,21 @@ pub struct CameraPath<'a> {
     pub light_paths: LightPaths<'a>,
     /// Weight of this path for emitters that are seen directly, where light tracing finds them, too.
     pub emitter_mis: Option<EmitterMis<'a>>,
+    /// What the camera stands in.
+    pub immersion: Immersion,
 }
 
 impl CameraPath<'_> {
     /// A ray without width, and nothing that helps it.
     pub fn new(ray: Ray, wavelengths: SampledWavelengths, sampler: Sampler) -> Self {
-        CameraPath { cone: RayCone::thin(ray), wavelengths, sampler, light_paths: LightPaths::default(), emitter_mis: None }
+        CameraPath {
+            cone: RayCone::thin(ray),
+            wavelengths,
+            sampler,
+            light_paths: LightPaths::default(),
+            emitter_mis: None,
+            immersion: Immersion::NONE,
+        }
     }
 }
 

@@ -373,6 +373,7 @@ pub fn gltf(d: &Description) -> Gltf {
         "splats": splats,
         "environment": environment,
         "air": air,
+        "declares_lamps": d.declares_lamps,
         "max_depth": d.max_depth.map_or(json!(null), |depth| json!([depth])),
     } });
     json["extras"][KEY]["fingerprint"] = json!(fingerprint(&json, &w.binary));

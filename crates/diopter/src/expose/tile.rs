@@ -149,7 +149,7 @@ impl Unit<'_> {
             };
             let emitter_mis = lamps.map(|lamps| EmitterMis { emitters: lamps.emitters(), weight: &weight, path });
             let cone = PixelCones::cone(self.cones.as_ref(), pixel, sampler.number(), ray.ray);
-            CameraPath { cone, wavelengths, sampler, light_paths, emitter_mis }
+            CameraPath { cone, wavelengths, sampler, light_paths, emitter_mis, immersion: self.immersion }
         };
         let paths: Vec<CameraPath> = rays.iter().enumerate().map(begin).collect();
         if self.polarized {

@@ -12,7 +12,7 @@ use crate::shutter::{Place, Shutter};
 use diopter_image::focal_plane::BandUnit;
 use diopter_lens::microlens::MicrolensOptics;
 use diopter_light::wavelength::WavelengthSampler;
-use diopter_scene::Scene;
+use diopter_scene::{Immersion, Scene};
 
 /// What all tiles share.
 pub(super) struct Unit<'a> {
@@ -37,6 +37,8 @@ pub(super) struct Unit<'a> {
     pub starbursts: bool,
     /// Where the sums of direct light begin, where it is recorded.
     pub direct: Option<usize>,
+    /// What the camera stands in.
+    pub immersion: Immersion,
     /// How wide pixels are in the scene, where pictures are filtered.
     pub cones: Option<PixelCones>,
     /// Whether light is followed with its polarisation.

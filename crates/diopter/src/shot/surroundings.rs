@@ -218,7 +218,8 @@ pub(super) fn add(
 
 /// Whether anything in a scene shines, beside its environment.
 fn has_lamps(scene: &Description) -> bool {
-    let shines = |material: &Material| material.emission.as_ref().is_some_and(lights_scene) || material.holds_light();
+    let lights = |emission: &Emission| scene.declares_lamps || lights_scene(emission);
+    let shines = |material: &Material| material.emission.as_ref().is_some_and(lights) || material.holds_light();
     !scene.punctual.is_empty() || scene.materials.iter().any(shines)
 }
 
@@ -366,6 +367,8 @@ mod tests {
     fn a_display_with_some_bright_spots_is_no_lamp() {
         assert!(!has_lamps(&shining(0)) && !has_lamps(&shining(64 * 4)));
         assert!(has_lamps(&shining(64 * 32)) && has_lamps(&shining(64 * 64)));
+        // Unless the file says that it is one, as pbrt's, Mitsuba's and USD's do.
+        assert!(has_lamps(&Description { declares_lamps: true, ..shining(64 * 4) }));
         let lamp = Material::lamp("lamp", diopter_light::Spectrum::Constant(1e-6));
         assert!(has_lamps(&Description { materials: vec![lamp], ..Default::default() }));
     }

@@ -6,7 +6,7 @@
 use super::{LightPoint, LightSample, clearance, segment::Pivot, tree::LightBounds};
 use crate::bvh::Bounds;
 use crate::material::{Emission, EmissionColor, Material};
-use crate::shape::{Quad, Sphere};
+use crate::shape::{Quad, Sphere, reach_of};
 use diopter_light::{SampledSpectrum, SampledWavelengths, Spectrum, sampling};
 use glam::{Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
@@ -75,6 +75,15 @@ impl AreaLight {
             light.normal = -light.normal;
         }
         light
+    }
+
+    /// Its greatest coordinate in any direction, m.
+    pub fn reach(&self) -> f32 {
+        match &self.shape {
+            AreaShape::Triangle(q) => reach_of([q.corner, q.corner + q.edges[0], q.corner + q.edges[1]]),
+            AreaShape::Parallelogram(q) => reach_of([Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE].map(|p| q.point(p))),
+            AreaShape::Sphere(s) => reach_of([s.center]) + s.radius,
+        }
     }
 
     /// Area, m².

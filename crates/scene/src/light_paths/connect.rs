@@ -247,7 +247,7 @@ impl<'a> CameraVertex<'_, 'a> {
         let ng = self.bsdf.side_normal();
         let through = wi.dot(ng) < 0.0;
         let origin = self.surface.leave(if through { -ng } else { ng }, wi);
-        let end = offset_origin(y.point, if y.ng.dot(wi) < 0.0 { y.ng } else { -y.ng });
+        let end = offset_origin(y.point, if y.ng.dot(wi) < 0.0 { y.ng } else { -y.ng }, f32::INFINITY);
         let way = end - origin;
         let distance = way.length();
         let ray = Ray { origin, direction: way / distance, time_s };

@@ -154,7 +154,7 @@ impl<'a> PhotonEmission<'a> {
                 modulation: emission.modulation,
                 window: window(&emission.modulation),
                 is_delta: false,
-                medium_stack: medium_stack_at(scene, surface, normal, around),
+                medium_stack: MediumStack::at(scene, surface, normal, around),
             });
         }
         for (i, light) in lights.punctual.iter().enumerate().filter(|(i, _)| punctual[*i]) {
@@ -162,7 +162,7 @@ impl<'a> PhotonEmission<'a> {
             let (flux, medium_stack) = match kind {
                 PunctualKind::Directional { .. } | PunctualKind::Disc { .. } => (casters.cross_section(), MediumStack::default()),
                 PunctualKind::Point { position } | PunctualKind::Spot { position, .. } => {
-                    (casters.seen_from(position, facing(kind)), medium_stack_at(scene, position, Vec3::Y, around))
+                    (casters.seen_from(position, facing(kind)), MediumStack::at(scene, position, Vec3::Y, around))
                 }
             };
             let picture = light.pattern.as_ref().map_or(1.0, |p| p.mean());
@@ -239,7 +239,7 @@ impl<'a> PhotonEmission<'a> {
             return None;
         }
         let radiance = light.relative_radiance(place, &self.scene.description().materials, wavelengths);
-        let origin = offset_origin(point, if cos > 0.0 { normal } else { -normal });
+        let origin = offset_origin(point, if cos > 0.0 { normal } else { -normal }, light.reach());
         Some((origin, direction, radiance * (cos.abs() * light.area() / pdf)))
     }
 
@@ -296,27 +296,4 @@ fn facing(kind: PunctualKind) -> Facing {
         PunctualKind::Spot { direction, cos_outer, .. } => Facing::Cone(direction, cos_outer.clamp(-1.0, 1.0).acos()),
         _ => Facing::All,
     }
-}
-
-/// Most faces that are looked at between the outside and a lamp.
-const MAX_INTERFACES: u32 = 4096;
-
-/// The bodies that a point of a lamp stands in: those that are entered and not left on a straight line from outside everything to the side
-/// of the point that `normal` shows.
-pub(super) fn medium_stack_at(scene: &Scene, point: Vec3, normal: Vec3, (middle, radius): (Vec3, f32)) -> MediumStack {
-    let mut medium_stack = MediumStack::default();
-    let end = offset_origin(point, normal);
-    let direction = -normal;
-    let mut origin = end + normal * ((middle - end).dot(normal).max(0.0) + 2.0 * radius);
-    for _ in 0..MAX_INTERFACES {
-        let left = (end - origin).dot(direction);
-        if left <= 0.0 {
-            break;
-        }
-        let Some(face) = scene.intersect(&Ray { origin, direction, time_s: 0.0 }, left) else { break };
-        let entering = face.ng.dot(direction) < 0.0;
-        medium_stack.cross(scene, face.object, entering);
-        origin = offset_origin(face.point, if entering { -face.ng } else { face.ng });
-    }
-    medium_stack
 }

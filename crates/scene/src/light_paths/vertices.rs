@@ -32,7 +32,6 @@ use self::weights::{State, next_state};
 use super::ConnectionSettings;
 use super::can_connect::can_connect;
 use super::directional::{CameraRays, DirectionalEmission};
-use super::emission::medium_stack_at;
 use crate::light::{LightRef, Modulation, PunctualKind};
 use crate::material::{Material, Principled, Scattering};
 use crate::medium_stack::MediumStack;
@@ -208,7 +207,7 @@ impl<'a> Connections<'a> {
                 None => (light.sample_surface([0.0, 0.0]).0, Vec3::Z),
             };
             let modulation = materials[light.material as usize].modulation();
-            let medium_stack = medium_stack_at(scene, surface, normal, around);
+            let medium_stack = MediumStack::at(scene, surface, normal, around);
             lamps.push(Lamp { light: LightRef::Area(i as u32), photometric: light.luminance, modulation, medium_stack });
         }
         let mut punctual = vec![None; lights.punctual.len()];
@@ -221,7 +220,7 @@ impl<'a> Connections<'a> {
             punctual[i] = Some(lamps.len() as u32);
             let photometric = light.illuminance();
             chances.push(photometric * solid_angle * light.pattern.as_ref().map_or(1.0, |p| p.mean()));
-            let medium_stack = medium_stack_at(scene, position, Vec3::Y, around);
+            let medium_stack = MediumStack::at(scene, position, Vec3::Y, around);
             lamps.push(Lamp { light: LightRef::Punctual(i as u32), photometric, modulation: light.modulation, medium_stack });
         }
         let mut directional: Vec<Option<DirectionalEmission>> = lights.punctual.iter().map(|_| None).collect();
@@ -415,7 +414,8 @@ impl<'a> Connections<'a> {
         let Some(mut start) = self.start(sampler) else { return };
         let mut medium_stack = self.lamps[start.lamp as usize].medium_stack;
         let side = start.normal.dot(start.direction).signum();
-        let origin = if start.normal == Vec3::ZERO { start.point } else { offset_origin(start.point, start.normal * side) };
+        let origin =
+            if start.normal == Vec3::ZERO { start.point } else { offset_origin(start.point, start.normal * side, f32::INFINITY) };
         let mut ray = Ray { origin, direction: start.direction, time_s: 0.0 };
         let mut passed = SampledSpectrum::ONE;
         if self.is_parallel(start.lamp) {

@@ -329,6 +329,7 @@ impl<'a> Loader<'a> {
         self.animations()?;
         let d = &mut self.description;
         (d.environment, d.air, d.max_depth) = (self.kept.environment.take(), self.kept.air.take(), self.kept.max_depth);
+        d.declares_lamps = self.kept.declares_lamps;
         d.curves = std::mem::take(&mut self.kept.curves);
         Ok(self.description)
     }

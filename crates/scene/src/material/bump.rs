@@ -95,6 +95,7 @@ mod tests {
             color: Vec4::ONE,
             object: 0,
             triangle: 0,
+            reach: 1.0,
             detail: derivatives.map_or(Detail::None, Detail::Derivatives),
         }
     }

@@ -6,7 +6,7 @@ use super::local_scatter::LocalScatter;
 use super::microfacet::{Ggx, SMOOTH, fresnel_conductor, reflect};
 use super::polarization::{Event, InPlane, conductor, s_axis};
 use crate::shape::Surface;
-use crate::texture::Scalar;
+use crate::texture::{Color, Scalar};
 use diopter_light::spectrum::Table;
 use diopter_light::{SampledSpectrum, SampledWavelengths, Spectrum};
 use glam::Vec3;
@@ -24,9 +24,11 @@ pub struct Conductor {
     pub across: Option<Scalar>,
     /// What happens to light that meets several facets.
     pub bounces: FacetBounces,
+    /// What each reflection is multiplied by, at all angles alike; 1 without.
+    pub tint: Option<Box<Color>>,
 }
 
-inputs_struct!(Conductor { alpha, across } without { n, k, bounces });
+inputs_struct!(Conductor { alpha, across, tint } without { n, k, bounces });
 
 /// Light that bounces between the facets of a rough surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,6 +69,7 @@ impl Conductor {
             alpha: Scalar::Constant(alpha),
             across: None,
             bounces: FacetBounces::Compensated,
+            tint: None,
         })
     }
 
@@ -74,13 +77,15 @@ impl Conductor {
         let (n, k) = (self.n.sample(wavelengths), self.k.sample(wavelengths));
         let along = self.alpha.at(surface).clamp(0.0, 1.0);
         let across = self.across.as_ref().map_or(along, |a| a.at(surface).clamp(0.0, 1.0));
-        ConductorLobe { n, k, facets: Ggx::new(along, across), bounces: self.bounces }
+        let tint = self.tint.as_ref().map_or(SampledSpectrum::ONE, |tint| tint.sample(surface, wavelengths));
+        ConductorLobe { n, k, facets: Ggx::new(along, across), bounces: self.bounces, tint }
     }
 
     /// Reflectance at normal incidence, 0 to 1, in red, green and blue ([`SampledWavelengths::rgb`]).
     pub fn normal_reflectance(&self) -> Vec3 {
         let rgb = SampledWavelengths::rgb();
-        fresnel_conductor(1.0, self.n.sample(&rgb), self.k.sample(&rgb)).truncate()
+        let tint = self.tint.as_ref().map_or(Vec3::ONE, |tint| tint.constant_rgb().unwrap_or(Vec3::ONE));
+        fresnel_conductor(1.0, self.n.sample(&rgb), self.k.sample(&rgb)).truncate() * tint
     }
 }
 
@@ -90,6 +95,7 @@ pub(super) struct ConductorLobe {
     k: SampledSpectrum,
     facets: Ggx,
     bounces: FacetBounces,
+    tint: SampledSpectrum,
 }
 
 impl ConductorLobe {
@@ -104,17 +110,17 @@ impl ConductorLobe {
 
     /// Reflectance of a smooth surface at a cosine.
     pub(super) fn normal(&self, cos: f32) -> SampledSpectrum {
-        fresnel_conductor(cos, self.n, self.k)
+        self.tint * fresnel_conductor(cos, self.n, self.k)
     }
 
     /// Fresnel reflectance, with what bounces between facets.
     fn reflectance(&self, wo: Vec3, h: Vec3) -> SampledSpectrum {
-        let f = fresnel_conductor(wo.dot(h), self.n, self.k);
+        let f = self.normal(wo.dot(h));
         if self.bounces == FacetBounces::Lost || self.facets.is_smooth() {
             return f;
         }
         let e = mirror_albedo_at(self.facets, wo);
-        f * (SampledSpectrum::ONE + fresnel_conductor(1.0, self.n, self.k) * ((1.0 - e) / e))
+        f * (SampledSpectrum::ONE + self.normal(1.0) * ((1.0 - e) / e))
     }
 
     pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> (SampledSpectrum, f32) {
@@ -129,7 +135,7 @@ impl ConductorLobe {
     /// What facets mirror of each component at a cosine, and what bounces between them; both over what they send on of unpolarised light.
     pub(super) fn in_plane(&self, wo: Vec3, h: Vec3) -> (InPlane, SampledSpectrum) {
         let cos = wo.dot(h);
-        let once = fresnel_conductor(cos, self.n, self.k) / self.reflectance(wo, h).max(SampledSpectrum::splat(1e-12));
+        let once = self.normal(cos) / self.reflectance(wo, h).max(SampledSpectrum::splat(1e-12));
         (conductor(cos, self.n, self.k).normalized().scaled(once), (SampledSpectrum::ONE - once).max(SampledSpectrum::ZERO))
     }
 

@@ -486,6 +486,7 @@ mod tests {
             color: glam::Vec4::ONE,
             object: 0,
             triangle: 0,
+            reach: 1.0,
             detail: crate::shape::Detail::None,
         };
         let sigma = hair.sigma_a(&surface, 0.3, &SampledWavelengths::rgb()).truncate();

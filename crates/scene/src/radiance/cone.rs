@@ -84,7 +84,8 @@ impl Cone {
             let axes = footprint(by_uv, surface.ng, direction, self.width);
             let largest = axes[0].length_squared().max(axes[1].length_squared());
             if largest * filtering.texels * filtering.texels > 1.0 {
-                surface.detail = Detail::Footprint(Footprint { axes, uv_set: filtering.uv_set, is_coarse: self.is_coarse });
+                surface.detail =
+                    Detail::Footprint(Footprint { axes, uv_set: filtering.uv_set as u32, is_coarse: self.is_coarse });
             }
         }
     }

@@ -15,7 +15,7 @@ use super::to_light::shadow_segment;
 use super::weights::squared_ratio;
 use crate::light::LightRef;
 use crate::scene::{Mirror, Mirrors, Visibility};
-use crate::shape::{Surface, offset_origin};
+use crate::shape::Surface;
 use diopter_light::Ray;
 use diopter_light::random::Dimensions;
 use glam::Vec3;
@@ -115,5 +115,5 @@ impl<'a> Transport<'a> {
 
 /// Where a ray starts that comes from a mirror which another one met in a direction.
 fn behind_mirror(surface: &Surface, direction: Vec3) -> Vec3 {
-    offset_origin(surface.point, if surface.ng.dot(direction) < 0.0 { surface.ng } else { -surface.ng })
+    surface.beside(if surface.ng.dot(direction) < 0.0 { surface.ng } else { -surface.ng })
 }

@@ -221,7 +221,7 @@ impl<'a> Transport<'a> {
             hero_only: camera.wavelengths.is_rgb(),
             flash: self.scene.flash_burns(camera.cone.ray.time_s),
             is_straight: true,
-            medium_stack: MediumStack::default(),
+            medium_stack: camera.immersion.0,
             connection: None,
             last: None,
             medium_scatter: None,

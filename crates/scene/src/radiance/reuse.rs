@@ -27,7 +27,6 @@ use super::work::Work;
 use crate::bvh::packet::Bundle;
 use crate::material::{Coverage, Scatter};
 use crate::scene::{Object, Scene, Shape};
-use crate::shape::offset_origin;
 use diopter_light::SampledSpectrum;
 use diopter_light::random::Dimensions;
 use glam::Vec3;
@@ -173,7 +172,8 @@ impl<'a> Transport<'a> {
                     let normals = [bsdf.side_normal(), bsdf.shading_normal()];
                     let lights = self.scene.lights();
                     let sky_probability = lights.environment_probability(surface.point, bsdf.light_normal(), path.flash);
-                    let receiver = self.receiver(path, number, surface.point, normals, lobe);
+                    let places = [surface.point, surface.beside(normals[0])];
+                    let receiver = self.receiver(path, number, places, normals, lobe);
                     receivers.all.push(Receiver { sky_probability, ..receiver });
                 }
                 self.scatter_light(path, &here)
@@ -216,7 +216,7 @@ impl<'a> Transport<'a> {
         let blends = self.scene.has_blends();
         let mut next = self.arrive(path, hit.as_mut(), |path, place| {
             let end = match &place {
-                Place::Surface(here) => offset_origin(here.surface.point, here.ng),
+                Place::Surface(here) => here.surface.beside(here.ng),
                 Place::Medium(here) => here.segment.point(&here.on),
             };
             // The path itself may have gone through a blended surface.
@@ -293,17 +293,24 @@ impl<'a> Transport<'a> {
         let MediumVertex { segment, on } = here;
         if self.may_receive(path) && segment.may_scatter(path.throughput) {
             let lobe = Lobe::Phase { along: segment.ray.direction, asymmetry: segment.medium.asymmetry };
-            receivers.all.push(self.receiver(path, number, segment.point(on), [Vec3::ZERO; 2], lobe));
+            receivers.all.push(self.receiver(path, number, [segment.point(on); 2], [Vec3::ZERO; 2], lobe));
         }
         self.scatter_in_medium(path, here)
     }
 
-    /// A receiver where a path is, before it goes on; normals: geometric and shading, 0 in a medium. Of light of the sky it knows nothing yet.
-    fn receiver<T: Tally>(&self, path: &Path<'a, T>, number: usize, point: Vec3, [ng, ns]: [Vec3; 2], lobe: Lobe) -> Receiver {
+    /// A receiver where a path is, before it goes on; places: its own, and where shadow rays start; normals: geometric and shading, 0 in a medium. Of light of the sky it knows nothing yet.
+    fn receiver<T: Tally>(
+        &self,
+        path: &Path<'a, T>,
+        number: usize,
+        [point, origin]: [Vec3; 2],
+        [ng, ns]: [Vec3; 2],
+        lobe: Lobe,
+    ) -> Receiver {
         Receiver {
             path: number,
             point,
-            origin: if ng == Vec3::ZERO { point } else { offset_origin(point, ng) },
+            origin,
             ng,
             ns,
             throughput: path.throughput,
@@ -386,7 +393,7 @@ impl<'a> Transport<'a> {
         let donor = donor.insert(Donor {
             path: number,
             point: surface.point,
-            end: offset_origin(surface.point, here.ng),
+            end: surface.beside(here.ng),
             ng: here.ng,
             scatterer: Scatterer::Surface {
                 surface: *surface,

@@ -37,10 +37,10 @@ pub(super) struct LampSample {
 }
 
 impl LampSample {
-    /// A place by point and normal, which is seen from a receiver; its radiance, and what it brings to the receiver's own path.
-    fn new(receiver: &Receiver, light: u32, [point, normal]: [Vec3; 2], [radiance, own]: [SampledSpectrum; 2]) -> Self {
+    /// A place by point, normal and where shadow rays to it end, which is seen from a receiver; its radiance, and what it brings to the receiver's own path.
+    fn new(receiver: &Receiver, light: u32, [point, normal, end]: [Vec3; 3], [radiance, own]: [SampledSpectrum; 2]) -> Self {
         let &Receiver { path, depth, flash, .. } = receiver;
-        LampSample { path, depth, flash, light, point, end: offset_origin(point, normal), normal, radiance, own }
+        LampSample { path, depth, flash, light, point, end, normal, radiance, own }
     }
 }
 
@@ -58,7 +58,8 @@ impl<'a> Transport<'a> {
         let normal = lamp.outer_normal(point);
         let normal = if normal.dot(light_sample.wi) > 0.0 { -normal } else { normal };
         let radiance = self.scene.incident_radiance(light_sample, &path.camera.wavelengths, path.ray.time_s);
-        let sample = LampSample::new(receiver, light, [point, normal], [radiance, own]);
+        let sample =
+            LampSample::new(receiver, light, [point, normal, offset_origin(point, normal, lamp.reach())], [radiance, own]);
         let is_seen = !receiver.may_not_see(self.scene, sample.end);
         // What hides it may let it through: then it is the path's own.
         if is_seen || !self.scene.lets_some_light_through() {
@@ -85,7 +86,7 @@ impl<'a> Transport<'a> {
         let by_light = self.light_sample_density(receiver, light, direction, surface.t);
         let radiance = emission.at(surface, &path.camera.wavelengths) * scene.modulation(material, path.ray.time_s);
         let own = path.throughput * radiance / (1.0 + squared_ratio(by_light, last.density));
-        let sample = LampSample::new(receiver, light, [surface.point, normal], [radiance, own]);
+        let sample = LampSample::new(receiver, light, [surface.point, normal, surface.beside(normal)], [radiance, own]);
         // The path itself may have gone through a blended surface.
         let is_seen = !scene.has_blends() || !receiver.may_not_see(self.scene, sample.end);
         is_seen.then_some(sample)

@@ -125,6 +125,7 @@ fn unsayable() -> Description {
         alpha,
         across: Some(Scalar::Constant(0.3)),
         bounces: FacetBounces::Lost,
+        tint: Some(Box::new(Color::rgb(0.9, 0.5, 0.1))),
     };
     let named = |name: &str, scattering| Material::new(name, scattering);
     let mut coated = CoatedConductor::new(metal(Scalar::Constant(0.1)), 1.37, Scalar::Graph(graph.clone()));
@@ -236,6 +237,7 @@ fn unsayable() -> Description {
             camera(CameraProjection::Perspective { vertical_fov: 0.7 }),
         ],
         max_depth: Some(12),
+        declares_lamps: true,
         ..Description::default()
     }
 }
@@ -261,7 +263,7 @@ fn what_gltf_has_no_words_for_is_read_back_to_the_last_bit() {
         assert_eq!(shown(&before.air), shown(&after.air));
         assert_eq!(shown(&before.cameras), shown(&after.cameras));
         assert_eq!(shown(&before.curves), shown(&after.curves));
-        assert_eq!(before.max_depth, after.max_depth);
+        assert_eq!((before.max_depth, before.declares_lamps), (after.max_depth, after.declares_lamps));
         let shapes =
             |d: &Description| d.objects.iter().map(|o| (shown(&o.shape), o.material, o.name.clone())).collect::<Vec<_>>();
         assert_eq!(shapes(&before), shapes(&after));
@@ -305,7 +307,7 @@ const KEYS: &str = "\
     anisotropyStrength as_number asset asymmetry attenuationColor attenuationDistance attributes b baseColorFactor \
     base_color basis beta_m beta_n blocks bounces bounds box_max box_min buffer bufferView bufferViews buffers bump \
     byteLength byteOffset bytes c camera cameras carrier cells_per_m center channel clearcoat clearcoat_roughness cloud \
-    coat_normal codes color componentType corner cos_inner cos_outer count coverage curves cutoff data density diagonal_mm diopter \
+    coat_normal codes color componentType corner cos_inner cos_outer count coverage curves cutoff data declares_lamps density diagonal_mm diopter \
     direction dispersion doubleSided duty edge edges emission emissiveFactor emissiveStrength environment eta eumelanin \
     even extensions extensionsUsed extras factor factors field file film fingerprint first_nm focus_m frequency \
     frequency_hz generator glow graph graphs grid half_angle height image image_from_uv images index_from_own indices \

@@ -30,6 +30,7 @@ impl Scene {
             color: set.color(hit.id, direction).extend(1.0),
             object,
             triangle: hit.id,
+            reach: f32::INFINITY,
             detail: Detail::None,
         }
     }

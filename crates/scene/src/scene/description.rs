@@ -47,6 +47,8 @@ pub struct Description {
     pub displaced: Vec<DisplacedSurface>,
     /// How many times its file wants light to be scattered at most.
     pub max_depth: Option<u32>,
+    /// Whether surfaces that shine by a picture are lamps by the words of the file, however little of the picture is bright; else they may be displays of a model.
+    pub declares_lamps: bool,
     /// What was found odd on the way.
     pub warnings: Vec<String>,
     /// Pictures and measured materials that its file names and that could not be read.

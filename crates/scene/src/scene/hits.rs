@@ -4,7 +4,7 @@ use super::{Object, Scene, Shape};
 use crate::bvh::packet::{Bundle, PACKET};
 use crate::bvh::{Bvh, Filter, Hit};
 use crate::material::{Coverage, Material};
-use crate::shape::{Detail, Mesh, Surface};
+use crate::shape::{Detail, Mesh, Surface, reach_of};
 use diopter_light::Ray;
 use diopter_light::random::{mix, to_unit};
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A, Vec4};
@@ -171,6 +171,7 @@ impl Scene {
             color: mesh.mix(&mesh.colors, i, weights).unwrap_or(Vec4::ONE),
             object,
             triangle,
+            reach: reach_of(corners),
             detail,
         }
     }
@@ -184,7 +185,7 @@ impl Scene {
     }
 
     pub(super) fn simple_surface(&self, ray: &Ray, hit: &Hit) -> Surface {
-        let (point, ng, uv, derivatives) = match self.description.objects[hit.id as usize].shape {
+        let (point, ng, uv, derivatives, reach) = match self.description.objects[hit.id as usize].shape {
             Shape::Sphere(s) => {
                 let n = (ray.at(hit.t) - s.center).normalize();
                 let uv = sphere_uv(n);
@@ -193,9 +194,12 @@ impl Scene {
                 let down = Vec3::new(n.y * n.x / sin, -sin, n.y * n.z / sin);
                 let r = s.radius * std::f32::consts::PI;
                 let derivatives = [Vec3::new(-n.z, 0.0, n.x) * (2.0 * r), down * r];
-                (s.center + n * s.radius, n, uv, derivatives)
+                (s.center + n * s.radius, n, uv, derivatives, reach_of([s.center]) + s.radius)
             }
-            Shape::Quad(q) => (q.point(Vec2::new(hit.u, hit.v)), q.normal(), Vec2::new(hit.u, hit.v), q.edges),
+            Shape::Quad(q) => {
+                let corners = [Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE].map(|corner| q.point(corner));
+                (q.point(Vec2::new(hit.u, hit.v)), q.normal(), Vec2::new(hit.u, hit.v), q.edges, reach_of(corners))
+            }
             Shape::Mesh { .. } | Shape::Curves { .. } | Shape::Splats { .. } => {
                 unreachable!("meshes, curves and splats have hierarchies")
             }
@@ -212,6 +216,7 @@ impl Scene {
             color: Vec4::ONE,
             object: hit.id,
             triangle: 0,
+            reach,
             detail: Detail::Derivatives(derivatives),
         }
     }

@@ -43,6 +43,7 @@ impl Scene {
             color: Vec4::ONE,
             object,
             triangle: segment,
+            reach: f32::INFINITY,
             detail: Detail::Strand(Strand { center: world.transform_point3(at.center), radius }),
         }
     }

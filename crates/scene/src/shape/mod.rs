@@ -39,6 +39,8 @@ pub struct Surface {
     pub object: u32,
     /// Number of the triangle within its mesh, of the segment within its curves, or of the splat within its set; 0 for other shapes.
     pub triangle: u32,
+    /// Greatest coordinate of the triangle, or of the other shape, in any direction, m: by it the rounding of `point` goes.
+    pub reach: f32,
     /// What only some surfaces have.
     pub detail: Detail,
 }
@@ -55,6 +57,12 @@ pub enum Detail {
     Footprint(Footprint),
     /// The strand it belongs to, of curves.
     Strand(Strand),
+}
+
+/// Greatest coordinate of some places in any direction.
+#[inline]
+pub fn reach_of<const N: usize>(places: [Vec3; N]) -> f32 {
+    places.map(Vec3::abs).into_iter().fold(Vec3::ZERO, Vec3::max).max_element()
 }
 
 /// Larger values are copied by calls: 2 % of a path's time on the Cornell box.
@@ -87,23 +95,31 @@ impl Surface {
     pub fn leave(&self, normal: Vec3, direction: Vec3) -> Vec3 {
         match &self.detail {
             Detail::Strand(strand) if strand.radius > 0.0 => strand.exit(self.point, self.tangent, direction),
-            _ => offset_origin(self.point, normal),
+            _ => self.beside(normal),
         }
+    }
+
+    /// A place beside it on the side of a unit normal, past what rounding can have moved it ([`offset_origin`]).
+    #[inline]
+    pub fn beside(&self, normal: Vec3) -> Vec3 {
+        offset_origin(self.point, normal, self.reach)
     }
 }
 
-/// A start (m) for rays that leave a surface point (m) on the side of the unit vector `normal`, past what rounding can have moved the point.
+/// A start (m) for rays that leave a surface point (m) on the side of the unit vector `normal`, past what rounding can have moved the point; `reach`: of its triangle ([`Surface::reach`]).
 ///
 /// Source: Wächter & Binder, "A Fast and Robust Method for Avoiding Self-Intersection", Ray Tracing Gems ch. 6 (2019); we take twice its step because points of instances
 /// are rounded twice.
 #[inline]
-pub fn offset_origin(point: Vec3, normal: Vec3) -> Vec3 {
+pub fn offset_origin(point: Vec3, normal: Vec3, reach: f32) -> Vec3 {
     const ORIGIN: f32 = 1.0 / 32.0;
+    // Near the origin, m; less where the triangle is small.
     const FLOAT_SCALE: f32 = 2.0 / 65536.0;
+    let float_scale = FLOAT_SCALE.min(2.0 * FLOAT_SCALE * reach);
     const INT_SCALE: f32 = 512.0;
     let component = |p: f32, n: f32| {
         if p.abs() < ORIGIN {
-            p + FLOAT_SCALE * n
+            p + float_scale * n
         } else {
             let steps = (INT_SCALE * n) as i32;
             f32::from_bits((p.to_bits() as i32 + if p < 0.0 { -steps } else { steps }) as u32)

@@ -31,7 +31,7 @@ pub struct Footprint {
     /// Its two axes, whole lengths.
     pub axes: [Vec2; 2],
     /// The set of texture coordinates they are given in.
-    pub uv_set: usize,
+    pub uv_set: u32,
     /// One look-up will do, at the level of its area.
     pub is_coarse: bool,
 }
@@ -58,7 +58,7 @@ impl Texture {
     #[inline]
     pub fn filtered(&self, uv: &[Vec2; 2], footprint: Option<&Footprint>) -> Vec4 {
         match footprint {
-            Some(footprint) if footprint.uv_set == self.uv_set => self.mean(uv, footprint),
+            Some(footprint) if footprint.uv_set as usize == self.uv_set => self.mean(uv, footprint),
             _ => self.at(uv),
         }
     }

@@ -63,7 +63,10 @@ fn principled(name: &str, change: impl Fn(&mut Principled)) -> Material {
 fn metal(alpha: f32) -> Material {
     let (n, k) = (Spectrum::Constant(1.5), Spectrum::Constant(4.0));
     let bounces = FacetBounces::Lost;
-    Material::new("metal", Scattering::Conductor(Conductor { n, k, alpha: Scalar::Constant(alpha), across: None, bounces }))
+    Material::new(
+        "metal",
+        Scattering::Conductor(Conductor { n, k, alpha: Scalar::Constant(alpha), across: None, bounces, tint: None }),
+    )
 }
 
 /// Mean, its standard error and the variance of a sample, over views from a corner of the box; `pools` are of both replicates.

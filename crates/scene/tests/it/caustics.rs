@@ -29,7 +29,10 @@ fn mirror() -> Material {
     // Reflects everything.
     let (n, k) = (Spectrum::Constant(0.0), Spectrum::Constant(1000.0));
     let bounces = FacetBounces::Lost;
-    Material::new("mirror", Scattering::Conductor(Conductor { n, k, alpha: Scalar::Constant(0.0), across: None, bounces }))
+    Material::new(
+        "mirror",
+        Scattering::Conductor(Conductor { n, k, alpha: Scalar::Constant(0.0), across: None, bounces, tint: None }),
+    )
 }
 
 fn quad(name: &str, corner: [f32; 3], edges: [[f32; 3]; 2], material: u32) -> Object {

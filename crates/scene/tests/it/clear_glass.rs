@@ -43,7 +43,7 @@ fn materials(albedo: f32) -> Vec<Material> {
     // A metal that reflects everything, smooth, under a rough coat: it looks as what is around it.
     let constant = |v| Spectrum::Constant(v);
     let (n, k, alpha, bounces) = (constant(0.0), constant(1000.0), Scalar::Constant(0.0), FacetBounces::Compensated);
-    let metal = Conductor { n, k, alpha, across: None, bounces };
+    let metal = Conductor { n, k, alpha, across: None, bounces, tint: None };
     let coated = CoatedConductor::new(metal, 1.5, Scalar::Constant(0.5));
     let lacquer = Material::new("lacquer", Scattering::Coated(Box::new(coated)));
     let holes = Material { coverage: Coverage::Blend(Scalar::Constant(0.5)), ..emitter(1.0) };
@@ -179,5 +179,32 @@ fn light_through_glass_is_counted_once() {
     for towards in [Vec3::new(0.1, 1.3, 0.0), Vec3::new(-0.3, 1.2, 0.2)] {
         let found = mean(&scene, Vec3::new(0.0, 0.2, 0.0), towards, 1 << 13, &DEEP);
         assert_within(found, [1.0; 4], 3e-3, "lacquer");
+    }
+}
+
+#[test]
+fn a_pane_on_a_table_is_the_same_in_millimetres() {
+    // A pane of glass a tenth as thick as it stands above the table, a ball of glass beside it, a lamp above; looked at through the pane and past the ball.
+    let seen = |scale: f32| {
+        let mut description = Description { materials: materials(0.7), ..Default::default() };
+        description.objects.push(level("table", 0.0, 1.0, true, FLOOR));
+        description.objects.push(level("lamp", 1.5, 0.3, false, LAMP));
+        description.objects.push(level("top of the pane", 0.11, 0.4, true, GLASS));
+        description.objects.push(level("bottom of the pane", 0.1, 0.4, false, GLASS));
+        let ball = Sphere { center: Vec3::new(0.6, 0.2, 0.0), radius: 0.2 };
+        description.objects.push(Object::new("ball", Shape::Sphere(ball), GLASS));
+        description.scale(scale).unwrap();
+        let scene = Scene::build(description).unwrap();
+        [Vec3::new(0.1, 0.0, 0.05), Vec3::new(0.62, 0.0, 0.02), Vec3::new(0.3, 0.0, 0.3)].map(|at| {
+            let eye = Vec3::new(0.2, 1.0, 0.9);
+            mean(&scene, eye * scale, at - eye, 20_000, &DEEP)
+        })
+    };
+    let whole = seen(1.0);
+    for scale in [0.01, 0.001] {
+        for (k, (small, whole)) in seen(scale).into_iter().zip(whole).enumerate() {
+            // The same paths but for rounding.
+            assert_within(small, whole.0, 0.01, &format!("place {k} at a scale of {scale}"));
+        }
     }
 }

@@ -33,7 +33,7 @@ fn pane() -> Material {
 /// A floor and a wall with lamps, sky, a mirror, a pane, a ball of glass and a ball of fog that shines.
 fn room() -> Scene {
     let (n, k) = (Spectrum::Constant(0.0), Spectrum::Constant(1000.0));
-    let mirror = Conductor { n, k, alpha: Scalar::Constant(0.0), across: None, bounces: FacetBounces::Lost };
+    let mirror = Conductor { n, k, alpha: Scalar::Constant(0.0), across: None, bounces: FacetBounces::Lost, tint: None };
     let shining = Medium { emission: Some(Spectrum::Constant(0.3)), ..Medium::fog(1.5, 0.8, 0.2) };
     let interior = Interior::Body { medium: Some(Arc::new(shining)), priority: None };
     let fog = Material { interior, ..Material::new("fog", Scattering::Interface) };

@@ -38,7 +38,7 @@ fn what_is_behind_clear_glass_is_seen_and_the_truth_stays_in_front() {
 #[test]
 fn mirrors_show_what_they_mirror() {
     let (n, k) = (Spectrum::Constant(0.0), Spectrum::Constant(1000.0));
-    let smooth = Conductor { n, k, alpha: Scalar::Constant(0.0), across: None, bounces: FacetBounces::Compensated };
+    let smooth = Conductor { n, k, alpha: Scalar::Constant(0.0), across: None, bounces: FacetBounces::Compensated, tint: None };
     let (_, features) = seen(Material::new("mirror", Scattering::Conductor(smooth)), -4.0);
     // Green, whose front is seen from +x.
     assert!((features.normal - Vec3::X).length() < 1e-3, "{}", features.normal);

@@ -29,7 +29,7 @@ fn materials(albedo: f32, two_sided: bool) -> Vec<Material> {
     vec![
         Material::new("floor", Scattering::Diffuse(Color::rgb(albedo, albedo, albedo))),
         Material { emission: Some(emission), ..Material::new("lamp", Scattering::Black) },
-        Material::new("mirror", Scattering::Conductor(Conductor { n, k, alpha, across: None, bounces })),
+        Material::new("mirror", Scattering::Conductor(Conductor { n, k, alpha, across: None, bounces, tint: None })),
     ]
 }
 

@@ -250,7 +250,7 @@ const MITSUBA: [([f32; 3], [f32; 4]); 8] = [
 fn stokes_vectors_are_those_of_another_program() {
     let metal = |n: f32, k: f32, alpha: f32| {
         let (n, k) = (Spectrum::Constant(n), Spectrum::Constant(k));
-        let conductor = Conductor { n, k, alpha: Scalar::Constant(alpha), across: None, bounces: FacetBounces::Lost };
+        let conductor = Conductor { n, k, alpha: Scalar::Constant(alpha), across: None, bounces: FacetBounces::Lost, tint: None };
         Material::new("metal", Scattering::Conductor(conductor))
     };
     let ball = |x: f32, z: f32, material: u32| {

@@ -30,7 +30,14 @@ fn ball(name: &str, center: [f32; 3], radius: f32, material: u32) -> Object {
 
 fn metal(alpha: f32) -> Scattering {
     let (n, k) = (Spectrum::Constant(0.2), Spectrum::Constant(3.0));
-    Scattering::Conductor(Conductor { n, k, alpha: Scalar::Constant(alpha), across: None, bounces: FacetBounces::Lost })
+    Scattering::Conductor(Conductor {
+        n,
+        k,
+        alpha: Scalar::Constant(alpha),
+        across: None,
+        bounces: FacetBounces::Lost,
+        tint: None,
+    })
 }
 
 fn principled(change: impl FnOnce(&mut Principled)) -> Scattering {

@@ -54,7 +54,7 @@ fn principled(change: impl FnOnce(&mut Principled)) -> Material {
 fn mirror(alpha: f32) -> Material {
     let constant = |v| Spectrum::Constant(v);
     let (n, k, bounces) = (constant(0.0), constant(1000.0), FacetBounces::Compensated);
-    let c = Conductor { n, k, alpha: Scalar::Constant(alpha), across: None, bounces };
+    let c = Conductor { n, k, alpha: Scalar::Constant(alpha), across: None, bounces, tint: None };
     Material::new("mirror", Scattering::Conductor(c))
 }
 

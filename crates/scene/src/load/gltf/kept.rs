@@ -57,6 +57,7 @@ pub(super) struct Kept {
     pub environment: Option<Environment>,
     pub air: Option<Air>,
     pub max_depth: Option<u32>,
+    pub declares_lamps: bool,
 }
 
 fn of(value: &Value) -> Option<&Value> {
@@ -135,6 +136,7 @@ impl Taken {
             lights: each(&self.lights, &source)?,
             environment: field(&self.root, "environment", &source)?,
             air: field(&self.root, "air", &source)?,
+            declares_lamps: self.root.get("declares_lamps").and_then(Value::as_bool).unwrap_or_default(),
             max_depth: field(&self.root, "max_depth", &source)?,
             ..Kept::default()
         };

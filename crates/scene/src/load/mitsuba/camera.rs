@@ -79,8 +79,10 @@ pub fn add(context: &mut Context, node: &Node) -> Result<(), SceneError> {
             context.skip_unsupported("shifts of the principal point");
         }
     }
-    if context.nested(node, "medium", None)?.is_some() {
-        context.skip_unsupported("the medium around a sensor");
+    if let Some(medium) = context.nested(node, "medium", None)? {
+        // Where the sensor stands is found from what is around it.
+        medium.leave_out();
+        context.has_sensor_in_medium = true;
     }
     if place.determinant() < 0.0 {
         context.skip_unsupported("the mirroring of a sensor");

@@ -24,6 +24,8 @@ pub(super) struct Context<'a> {
     pictures: HashMap<String, Option<Arc<Image>>>,
     measured: HashMap<String, Scattering>,
     pub left_out: BTreeMap<String, usize>,
+    /// Whether the file says in what medium its sensor is.
+    pub has_sensor_in_medium: bool,
 }
 
 type Read<T> = Result<T, SceneError>;
@@ -59,6 +61,7 @@ impl<'a> Context<'a> {
             pictures: HashMap::new(),
             measured: HashMap::new(),
             left_out: BTreeMap::new(),
+            has_sensor_in_medium: false,
         }
     }
 

@@ -23,7 +23,10 @@ pub fn emission(context: &mut Context, node: &Arc<Node>) -> Read<Emission> {
         Some(shade) => EmissionColor::Constant(shade.light(1.0)),
         None if node.child("radiance").is_none() => EmissionColor::Constant(Shade::Even(1.0).light(1.0)),
         None => match context.color(node, "radiance", 1.0)? {
-            Color::Textured { factor, texture } => EmissionColor::Textured { factor, texture },
+            Color::Textured { factor, texture } => {
+                context.description.declares_lamps = true;
+                EmissionColor::Textured { factor, texture }
+            }
             _ => return Err(wrong(node, "a pattern as radiance", "a colour, a spectrum or a bitmap")),
         },
     };

@@ -189,10 +189,8 @@ impl Context<'_> {
                 self.say_distribution(node);
                 let metal = Conductor { alpha, across, ..self.metal(node)? };
                 let scale = self.color(node, "specular_reflectance", 1.0)?;
-                Surface::of(match scale.is_everywhere(Vec3::ONE) {
-                    true => Scattering::Conductor(metal),
-                    false => scaled_metal(metal, scale),
-                })
+                let tint = (!scale.is_everywhere(Vec3::ONE)).then(|| Box::new(scale));
+                Surface::of(Scattering::Conductor(Conductor { tint, ..metal }))
             }
             // The one that keeps track of polarisation is rough, too.
             "plastic" | "roughplastic" | "pplastic" => {
@@ -462,6 +460,7 @@ impl Context<'_> {
             alpha: Scalar::Constant(0.0),
             across: None,
             bounces: FacetBounces::Lost,
+            tint: None,
         };
         // Of what is around: air, as a rule.
         if (index(node, "ext_eta", 1.0)? - 1.0).abs() > 1e-3 {
@@ -623,14 +622,6 @@ fn uv_transform(node: &Node) -> Read<DMat4> {
     };
     let (scale, offset) = (two("uscale", "vscale", 1.0)?, two("uoffset", "voffset", 0.0)?);
     Ok(transform(node, "to_uv")? * DMat4::from_translation(offset) * DMat4::from_scale(scale))
-}
-
-/// A metal whose reflectance is scaled: of its color at normal incidence times that.
-fn scaled_metal(metal: Conductor, scale: Color) -> Scattering {
-    let base_color = scale.times(metal.normal_reflectance());
-    let anisotropy = metal.across.map(|across| Box::new(Anisotropy::Across(root(across))));
-    let (metallic, roughness) = (Scalar::Constant(1.0), root(metal.alpha));
-    Scattering::Principled(Box::new(Principled { metallic, roughness, anisotropy, ..Principled::new(base_color, 1.5) }))
 }
 
 fn root(alpha: Scalar) -> Scalar {

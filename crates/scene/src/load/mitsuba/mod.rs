@@ -315,10 +315,14 @@ mod tests {
         // What a scale of 1 leaves as it is stays exact.
         let white = "<bsdf type='roughconductor'><string name='distribution' value='ggx'/><rgb name='specular_reflectance' value='1, 1, 1'/></bsdf>";
         let Scattering::Conductor(copper) = scattering(white).0 else { panic!("a metal") };
-        let half = scaled(&white.replace("1, 1, 1", "0.5, 0.5, 0.5"));
-        assert!(rgb(&half.base_color).abs_diff_eq(0.5 * copper.normal_reflectance(), 1e-6));
+        let metal = |bsdf: &str| {
+            let Scattering::Conductor(metal) = scattering(bsdf).0 else { panic!("{bsdf}") };
+            metal
+        };
+        let half = metal(&white.replace("1, 1, 1", "0.5, 0.5, 0.5"));
+        assert!(half.normal_reflectance().abs_diff_eq(0.5 * copper.normal_reflectance(), 1e-6));
         let checkered = "<bsdf type='conductor'><texture name='specular_reflectance' type='checkerboard'/></bsdf>";
-        assert!(matches!(scaled(checkered).base_color, crate::texture::Color::Graph(_)));
+        assert!(matches!(metal(checkered).tint.as_deref(), Some(crate::texture::Color::Graph(_))));
         let plastic = scaled("<bsdf type='plastic'><rgb name='specular_reflectance' value='0.4, 0.2, 0.4'/></bsdf>");
         assert!(plastic.tinted && matches!(plastic.specular, crate::texture::Scalar::Constant(0.4)));
         assert_eq!(rgb(&plastic.specular_color), Vec3::new(1.0, 0.5, 1.0));

@@ -76,6 +76,10 @@ impl<'a> World<'a> {
                 _ => (),
             }
         }
+        let is_body = |material: &Material| matches!(material.interior, Interior::Body { medium: Some(_), .. });
+        if self.context.has_sensor_in_medium && !self.context.description.materials.iter().any(is_body) {
+            self.context.skip_unsupported("the medium around a sensor, which no shape bounds");
+        }
         let mut unread = Vec::new();
         root.unread(&mut unread);
         unread.into_iter().for_each(|what| self.context.skip_unsupported(what));

@@ -322,6 +322,7 @@ impl MtlMaterial {
                 k: Spectrum::TableOfRgb { table: diopter_light::spectrum::Table::from_points(&points), rgb },
                 alpha: Scalar::Constant(roughness * roughness),
                 bounces: crate::material::conductor::FacetBounces::Compensated,
+                tint: None,
             })
         } else if specular != Vec3::ZERO || is_physical {
             Scattering::Principled(Box::new(Principled { roughness: rough, metallic, ..Principled::new(color, ior.max(1.01)) }))

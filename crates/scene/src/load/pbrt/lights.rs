@@ -200,6 +200,7 @@ pub fn emission(context: &mut Context, p: &Params, area: f32) -> Result<Emission
     let picture = match p.text("filename")? {
         None => None,
         Some(name) => {
+            context.description.declares_lamps = true;
             let image = context.picture(name).map_or_else(crate::load::stand_in, Arc::new);
             // Rows count from below.
             let image_from_uv = Affine2::from_scale_angle_translation(Vec2::new(1.0, -1.0), 0.0, Vec2::Y);

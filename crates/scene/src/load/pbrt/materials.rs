@@ -105,13 +105,13 @@ impl Materials {
             "conductor" => {
                 let (alpha, across) = alpha(context, textures, p, "")?;
                 let (n, k) = metal(context, p, "")?;
-                Scattering::Conductor(Conductor { n, k, alpha, across, bounces: FacetBounces::Lost })
+                Scattering::Conductor(Conductor { n, k, alpha, across, bounces: FacetBounces::Lost, tint: None })
             }
             "coatedconductor" => {
                 clear_between_layers(context, p);
                 let (alpha, across) = alpha(context, textures, p, "conductor.")?;
                 let (n, k) = metal(context, p, "conductor.")?;
-                let metal = Conductor { n, k, alpha, across, bounces: FacetBounces::Lost };
+                let metal = Conductor { n, k, alpha, across, bounces: FacetBounces::Lost, tint: None };
                 let eta = index(context, p, "interface.eta", 1.5, COAT)?;
                 let (roughness, across) = root_of_alpha(context, textures, p, "interface.")?;
                 let mut coated = CoatedConductor::new(metal, eta.at(550.0), roughness);

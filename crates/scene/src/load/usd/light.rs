@@ -227,6 +227,7 @@ pub fn add(world: &mut World, kind: &str, prim: &Arc<Prim>, place: &Place) -> Re
             };
             let radiance = match own {
                 Some(image) => {
+                    world.description.declares_lamps = true;
                     let whole = light(luminance);
                     let factor = color::srgb_of_light(|nm| whole.at(nm)).max(Vec3::ZERO);
                     EmissionColor::Textured { factor, texture: Texture::color(Arc::new(image)) }

@@ -16,6 +16,7 @@ pub fn level() -> Surface {
         color: Vec4::ONE,
         object: 0,
         triangle: 0,
+        reach: 1.0,
         detail: Detail::None,
     }
 }
