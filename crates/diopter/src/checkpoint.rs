@@ -127,7 +127,7 @@ pub fn read_into<S: RowStore>(
     if word(from)? != hash.finish() {
         return Err(CheckpointError::Damaged);
     }
-    Ok(Sums { sums, samples: first..end, pass_end, tiles })
+    Ok(Sums { sums, samples: first..end, pass_end, tiles, groups: None })
 }
 
 fn head<S: RowStore>(sums: &Sums<S>, identity: u64) -> [u64; 8] {
@@ -157,7 +157,7 @@ mod tests {
     fn sums() -> Sums {
         let mut raster = Raster::new(70, 41, 6);
         raster.data.iter_mut().enumerate().for_each(|(i, v)| *v = (i as f64 * 0.37).sin() * 1e9);
-        Sums { sums: raster, samples: 16..32, pass_end: 48, tiles: 3 }
+        Sums { sums: raster, samples: 16..32, pass_end: 48, tiles: 3, groups: None }
     }
 
     #[test]

@@ -390,6 +390,7 @@ impl Exposure<'_> {
             optics,
             starbursts,
             direct: self.direct(),
+            immersion: scene.immersion_at(camera.motion.at(0.0).translation.into()),
             cones: PixelCones::of(scene, camera),
             polarized: self.is_polarized(),
             analyzers: response.analyzer_groups(),
@@ -464,6 +465,7 @@ impl Exposure<'_> {
                 samples: wanted.start..wanted.start,
                 pass_end: wanted.start,
                 tiles: 0,
+                groups: None,
             }),
         }
     }
@@ -503,6 +505,7 @@ impl Exposure<'_> {
         let help = self.help(&unit, connections.as_ref(), caustics.as_ref());
         let connections = connections.filter(|_| help == trial::Help::Connections);
         unit.groups = unit.groups.filter(|_| help == trial::Help::Reuse);
+        sums.groups = unit.groups;
         let unit = unit;
         let length = match caustics.is_some() || connections.is_some() {
             false => pass_length(width * height),

@@ -10,6 +10,7 @@
 //! buffer below by an eighth, so that the excess of one very bright sample does not support itself; and the weight is a ramp from 0 for one sample to 1
 //! at [`RELIABLE`]. With more samples every light that is really there is supported in the end: the bias vanishes. What is taken away is reported.
 
+use super::pixel_groups::PixelGroups;
 use super::response::GROUP;
 use diopter_image::Raster;
 use glam::Vec4;
@@ -104,24 +105,44 @@ impl Cascade {
         })
     }
 
-    /// Sums of a row of so many samples a pixel after re-weighting, `[column][band][replicate]`, and the light of the row before and after.
-    pub fn row(&self, sums: &Raster<f64>, bands: usize, row: usize, samples: usize) -> (Vec<f64>, [f64; 2]) {
+    /// Sums of a row of so many samples a pixel after re-weighting, `[column][band][replicate]`, and the light of the row before and after. Where `groups` of pixels lent one another light, a bright sample of one is in others of
+    /// its group as well: these say nothing for one another, and neighbours of other groups count for them.
+    pub fn row(
+        &self,
+        sums: &Raster<f64>,
+        bands: usize,
+        row: usize,
+        samples: usize,
+        groups: Option<&PixelGroups>,
+    ) -> (Vec<f64>, [f64; 2]) {
         let (width, stride) = (sums.width, sums.width * sums.channels);
         // After those of the cascade a pixel may have sums for other things.
         let pixels = |y: usize| sums.data[y * stride..(y + 1) * stride].as_chunks::<2>().0.chunks_exact(sums.channels / 2);
-        // Counts of this row and those above and below, column by column.
-        let mut columns = vec![[0.0f64; LEVELS + 1]; width];
-        for y in row.saturating_sub(1)..(row + 2).min(sums.height) {
-            for (column, pixel) in columns.iter_mut().zip(pixels(y)) {
-                column.iter_mut().zip(self.counts(pixel, bands)).for_each(|(sum, n)| *sum += n);
-            }
-        }
+        // Of this row and those above and below.
+        let rows = row.saturating_sub(1)..(row + 2).min(sums.height);
+        let counts_of = |y: usize| pixels(y).map(|pixel| self.counts(pixel, bands)).collect::<Vec<_>>();
+        let counted: Vec<Vec<[f64; LEVELS + 1]>> = rows.clone().map(counts_of).collect();
+        let around = |x: usize| {
+            rows.clone()
+                .zip(&counted)
+                .flat_map(move |(y, counts)| (x.saturating_sub(1)..(x + 2).min(width)).map(move |x| ([x, y], &counts[x])))
+        };
         let mut kept = Vec::with_capacity(width * bands * 2);
         let mut light = [0.0; 2];
         for (x, pixel) in pixels(row).enumerate() {
-            let around = &columns[x.saturating_sub(1)..(x + 2).min(width)];
-            let count = |level: usize| around.iter().map(|c| c[level]).sum::<f64>();
-            let counts: [f64; LEVELS + 1] = std::array::from_fn(count);
+            let mut counts = [0.0; LEVELS + 1];
+            let mut add = |from: &[f64; LEVELS + 1], factor: f64| {
+                counts.iter_mut().zip(from).for_each(|(sum, n)| *sum += factor * n);
+            };
+            let own_group = groups.map(|groups| (groups, groups.of([x, row])));
+            let is_other = |at: [usize; 2]| own_group.is_none_or(|(groups, own)| groups.of(at) != own);
+            let neighbours = around(x).filter(|(at, _)| *at != [x, row]);
+            let (all, others) =
+                neighbours.clone().fold((0, 0), |(all, others), (at, _)| (all + 1, others + usize::from(is_other(at))));
+            // A group without others around it speaks for itself.
+            let factor = if others == 0 { 1.0 } else { f64::from(all) / others as f64 };
+            add(&counted[row - rows.start][x], 1.0);
+            neighbours.filter(|(at, _)| others == 0 || is_other(*at)).for_each(|(_, from)| add(from, factor));
             let lost = if samples < FEWEST_SAMPLES { [0.0; LEVELS + 1] } else { lost_fractions(&counts) };
             for band in 0..bands {
                 let all = pixel[band];
@@ -174,9 +195,14 @@ mod tests {
 
     /// Means of the pixels after re-weighting, and the fraction of the light that was taken away.
     fn reweighted(sums: &Raster<f64>, spp: u32) -> (Vec<[f64; 2]>, f64) {
+        reweighted_by(sums, spp, None)
+    }
+
+    /// The same where groups of pixels lent one another light.
+    fn reweighted_by(sums: &Raster<f64>, spp: u32, groups: Option<&PixelGroups>) -> (Vec<[f64; 2]>, f64) {
         let (mut all, mut light) = (Vec::new(), [0.0; 2]);
         for y in 0..SIDE {
-            let (kept, l) = Cascade::new(WHITE).row(sums, 1, y, spp as usize);
+            let (kept, l) = Cascade::new(WHITE).row(sums, 1, y, spp as usize, groups);
             all.extend(kept.as_chunks::<2>().0.iter().map(|h| h.map(|v| v / f64::from(spp))));
             light = [light[0] + l[0], light[1] + l[1]];
         }
@@ -268,5 +294,25 @@ mod tests {
         };
         let sums = picture(64, |i, k| if random(i, k) < covered(i % SIDE) { 3e5 } else { 1.0 });
         assert_eq!(reweighted(&sums, 64).1, 0.0);
+    }
+
+    #[test]
+    fn what_one_group_of_pixels_found_together_is_one_sample() {
+        // A bright sample that all pixels of a group have; the same brightness in all pixels, which is really there.
+        let groups = PixelGroups::new(&crate::camera::Film::new(36.0, 36.0, SIDE, SIDE), false);
+        let at = |i: usize| [i % SIDE, i / SIDE];
+        let own = groups.of(at(40));
+        for (bright, everywhere) in [(3e3f32, false), (1e6, false), (3e3, true)] {
+            let has = |i: usize| everywhere || groups.of(at(i)) == own;
+            let sums = picture(64, |i, k| if k == 7 && has(i) { bright } else { 5.0 });
+            let removed = reweighted_by(&sums, 64, Some(&groups)).1;
+            let all = f64::from(bright) * (0..SIDE * SIDE).filter(|i| has(*i)).count() as f64;
+            let fraction = removed * (all + 5.0 * 63.0 * (SIDE * SIDE) as f64) / all;
+            assert!(if everywhere { fraction == 0.0 } else { fraction > 0.9 }, "{bright} {everywhere}: {fraction}");
+            if !everywhere {
+                // By all neighbours alike much of it is taken for light that is there.
+                assert!(reweighted(&sums, 64).1 < 0.7 * removed, "{bright}");
+            }
+        }
     }
 }

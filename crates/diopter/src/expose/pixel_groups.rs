@@ -23,8 +23,8 @@ fn even_bits(number: usize) -> usize {
 }
 
 /// How tiles are divided.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct PixelGroups {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct PixelGroups {
     /// Pixels a side of a block.
     block: usize,
     /// Columns and rows of a cell.

@@ -2,6 +2,7 @@
 
 use super::TILE;
 use super::fireflies::Cascade;
+use super::pixel_groups::PixelGroups;
 use super::starbursts::Starbursts;
 use crate::row_store::RowStore;
 use crate::stray::colors_of;
@@ -28,6 +29,8 @@ pub struct Sums<S = Raster<f64>> {
     pub(crate) pass_end: u32,
     /// Tiles that have the samples of the pass under way.
     pub(crate) tiles: usize,
+    /// Groups of pixels that lent one another light, known while the exposure is under way.
+    pub(crate) groups: Option<PixelGroups>,
 }
 
 /// Told the sums so far, to keep them. [`ControlFlow::Break`]: they are kept elsewhere, and the exposure ends at once with
@@ -244,7 +247,7 @@ impl Sums {
         let light: Vec<[f64; 2]> = rows
             .enumerate()
             .map(|(row, (mean, half))| {
-                let (sums, light) = cascade.row(&self.sums, bands, row, self.samples.len());
+                let (sums, light) = cascade.row(&self.sums, bands, row, self.samples.len(), self.groups.as_ref());
                 means(&self.samples, &sums, mean, half);
                 light
             })
