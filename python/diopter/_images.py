@@ -8,7 +8,7 @@ import os
 from typing import TYPE_CHECKING, Any, Literal, Sequence
 
 from . import _diopter
-from ._units import TIME_S, f_number, floats, number
+from ._units import TIME_S, floats, number, t_stop
 
 if TYPE_CHECKING:
     import numpy as np
@@ -150,7 +150,7 @@ class FocalPlane:
             wavelengths_nm: Rising, one a channel.
             depth: ``[row][column]``, m along the axis; goes into :attr:`depth`.
         """
-        return cls._from_light(radiance, body, shutter, f_number("t_number", t_number), wavelengths_nm, depth, threads)
+        return cls._from_light(radiance, body, shutter, t_stop("t_number", t_number), wavelengths_nm, depth, threads)
 
     @classmethod
     def from_irradiance(
@@ -208,7 +208,7 @@ class FocalPlane:
             self._native.on_sensor(
                 Body.of(body)._native,
                 None if shutter is None else number("shutter", shutter, TIME_S, '"1/100 s"'),
-                None if t_number is None else f_number("t_number", t_number),
+                None if t_number is None else t_stop("t_number", t_number),
                 threads,
             )
         )

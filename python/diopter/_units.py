@@ -37,10 +37,19 @@ def number(place: str, value: float | str, units: Mapping[str, float], example: 
 
 
 def f_number(place: str, value: float | str) -> float:
-    """An f-number: "f/2.8" or 2.8. Of a T-stop also "T2.9"."""
+    """An f-number: "f/2.8" or 2.8."""
+    return _stop(place, value, "fF", '"f/2.8"')
+
+
+def t_stop(place: str, value: float | str) -> float:
+    """A T-stop: "T2.9" or 2.9."""
+    return _stop(place, value, "tTfF", '"T2.9"')
+
+
+def _stop(place: str, value: float | str, letters: str, example: str) -> float:
     if isinstance(value, str):
-        value = re.sub(r"^\s*[fFtT]/?" if place == "t_number" else r"^\s*[fF]/?", "", value)
-    return number(place, value, {"": 1.0}, '"f/2.8"')
+        value = re.sub(rf"^\s*[{letters}]/?", "", value)
+    return number(place, value, {"": 1.0}, example)
 
 
 def plain(value: Any) -> Any:

@@ -29,8 +29,8 @@ pub struct HdrError {
     pub expected: String,
 }
 
-/// Light that a picture's numbers stand for beside another's: time · ISO / T-stop², filter included.
-fn exposure(raw: &RawImage) -> f64 {
+/// Light on the film that a picture had beside another: time / T-stop², filter included.
+fn light(raw: &RawImage) -> f64 {
     let f = &raw.header.facts;
     let stop = match (f.t_number > 0.0, f.f_number > 0.0) {
         (true, _) => f.t_number,
@@ -38,7 +38,37 @@ fn exposure(raw: &RawImage) -> f64 {
         _ => 1.0,
     };
     let time = f.shutter.as_ref().map_or(f.exposure_s, |s| s.effective_s);
-    time * f.iso.max(1.0) / (stop * stop) * (-f.nd_stops).exp2()
+    time / (stop * stop) * (-f.nd_stops).exp2()
+}
+
+/// Light that a picture's numbers stand for beside another's, by the electrons that saturate a pixel: those of its noise profile where all pictures have one, else by the ISO speed, which cameras keep to within a tenth or two.
+fn exposures(raws: &[RawImage]) -> Vec<f64> {
+    let same_speed = raws.iter().all(|raw| raw.header.facts.iso == raws[0].header.facts.iso);
+    let of_noise = |raw: &RawImage| {
+        let all = &raw.header.noise;
+        let mean = all.iter().map(|noise| noise[0]).sum::<f64>() / all.len() as f64;
+        (mean > 0.0).then_some(mean)
+    };
+    let gains = if same_speed { None } else { raws.iter().map(of_noise).collect::<Option<Vec<f64>>>() };
+    let gains = gains.unwrap_or_else(|| raws.iter().map(|raw| raw.header.facts.iso.max(1.0)).collect());
+    raws.iter().zip(gains).map(|(raw, gain)| light(raw) * gain).collect()
+}
+
+/// Exposure, in the unit of those of a series, of which the merged picture has the brightness: of a bracket its middle, which is as the camera was set; of exposures whose rows are read in turn, which overlap
+/// in time, the longest.
+fn meant_exposure(raws: &[RawImage], exposures: &[f64]) -> f64 {
+    let begun_and_ended = |raw: &RawImage| {
+        let f = &raw.header.facts;
+        f.shutter.as_ref().map(|shutter| [f.at_s, f.at_s + shutter.total_s])
+    };
+    let overlap = raws.windows(2).all(|pair| match [begun_and_ended(&pair[0]), begun_and_ended(&pair[1])] {
+        [Some(a), Some(b)] => a[0] != b[0] && a[0].max(b[0]) < a[1].min(b[1]) * (1.0 - 1e-9),
+        _ => false,
+    });
+    match overlap && raws.len() > 1 {
+        true => exposures.iter().copied().fold(0.0, f64::max),
+        false => (exposures.iter().map(|e| e.ln()).sum::<f64>() / exposures.len() as f64).exp(),
+    }
 }
 
 /// How many EV more range the merged picture has than the best of its pictures, from the noise of no light to saturation, by their noise profiles; `None` where one has none.
@@ -86,26 +116,29 @@ pub fn merge(raws: &[RawImage]) -> Result<RawImage, HdrError> {
         if raw.header.facts.flash {
             return Err(error(k, "a flash was fired".into(), "light that lasts: a flash gives as much at any exposure time"));
         }
-        if !(exposure(raw) > 0.0 && exposure(raw).is_finite()) {
+        if !(light(raw) > 0.0 && light(raw).is_finite()) {
             return Err(error(k, "its exposure time is not known".into(), "a file that says how it was exposed"));
         }
     }
+    let exposures = exposures(raws);
     // The longest first.
-    let mut order: Vec<&RawImage> = raws.iter().collect();
-    order.sort_by(|a, b| exposure(b).total_cmp(&exposure(a)));
-    let shortest = exposure(order[order.len() - 1]);
-    let middle = order[order.len() / 2];
+    let mut order: Vec<(&RawImage, f64)> = raws.iter().zip(exposures.iter().copied()).collect();
+    order.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let shortest = order[order.len() - 1].1;
+    let middle = order[order.len() / 2].0;
+    let meant = meant_exposure(raws, &exposures);
 
     let channels = first.header.cfa.channel_count();
     // Of each picture: factor on its signal, and noise (a signal + b) for each channel.
     let noise = |raw: &RawImage, c: usize| raw.header.noise.get(c).copied().unwrap_or([1e-4, 1e-6]);
     let parts: Vec<(f32, Vec<[f32; 2]>)> = order
         .iter()
-        .map(|raw| {
-            let scale = (shortest / exposure(raw)) as f32;
+        .map(|(raw, exposure)| {
+            let scale = (shortest / exposure) as f32;
             (scale, (0..channels).map(|c| noise(raw, c).map(|v| v as f32)).collect())
         })
         .collect();
+    let order: Vec<&RawImage> = order.into_iter().map(|(raw, _)| raw).collect();
     let (width, height) = (first.mosaic.width, first.mosaic.height);
     // Linear pictures have three numbers a pixel.
     let numbers = first.header.cfa.samples_per_pixel();
@@ -141,7 +174,7 @@ pub fn merge(raws: &[RawImage]) -> Result<RawImage, HdrError> {
     let mut header = middle.header.clone();
     header.noise = (0..channels).map(|c| noise_of_mean(parts.iter().map(|(scale, noise)| (*scale, noise[c])))).collect();
     (header.bits, header.black_level, header.white_level) = (16, BLACK, WHITE);
-    header.baseline_ev += (exposure(middle) / shortest).log2();
+    header.baseline_ev += (meant / shortest).log2();
     Ok(RawImage { mosaic, header })
 }
 
@@ -212,6 +245,48 @@ mod tests {
             }
         }
         assert!((merge(&series(&sensor, 1e4, &times)).unwrap().header.baseline_ev - raws_baseline(&sensor) - 2.0).abs() < 1e-9);
+    }
+
+    /// Stops by which the merged picture of a series is brightened over its shortest exposure.
+    fn brightened(sensor: &Sensor, raws: &[RawImage]) -> f64 {
+        merge(raws).unwrap().header.baseline_ev - raws_baseline(sensor)
+    }
+
+    #[test]
+    fn the_merged_picture_is_as_bright_as_the_middle_of_a_bracket_and_as_the_longest_of_interleaved_exposures() {
+        let sensor = Sensor::named("nikon-d850").unwrap();
+        for (times, expected) in [(&[0.01, 0.04][..], 1.0), (&[0.01, 0.04, 0.16, 0.64], 3.0), (&[0.01, 0.02, 0.04], 1.0)] {
+            let mut raws = series(&sensor, 1e4, times);
+            assert!((brightened(&sensor, &raws) - expected).abs() < 1e-9, "{times:?}");
+            // One after the other, and, with rows that are read in turn, before the one before has ended.
+            for (pause_s, expected) in [(0.0, expected), (-0.005, (times[times.len() - 1] / times[0]).log2())] {
+                let mut at_s = 0.0;
+                for (raw, time) in raws.iter_mut().zip(times).rev() {
+                    let rows = RowTimes { open_s: [0.0; 2], close_s: [*time, 0.0], columns: false };
+                    let (kind, total_s) = ("rolling".into(), time + 0.01);
+                    raw.header.facts.shutter = Some(ShutterFacts { kind, total_s, effective_s: *time, rows });
+                    raw.header.facts.at_s = at_s;
+                    at_s += total_s + pause_s;
+                }
+                assert!((brightened(&sensor, &raws) - expected).abs() < 1e-9, "{times:?} {pause_s}");
+            }
+        }
+    }
+
+    #[test]
+    fn pictures_of_several_iso_speeds_agree_by_the_electrons_that_saturate_them() {
+        // From ISO 100 to 800 the range of its numbers changes, too: 8.9 times the signal.
+        let sensor = Sensor::named("canon-5d-mark-iv").unwrap();
+        let low = series(&sensor, 2e4, &[0.04]).remove(0);
+        let white = diopter_light::cie::illuminant("D65").unwrap();
+        let facts = ExposureFacts { exposure_s: 0.04, f_number: 4.0, body: sensor.name.clone(), ..Default::default() };
+        let plane = FocalPlane::even(sensor.bands(), &vec![800.0; sensor.bands().len()], [128, 128], facts);
+        let high = read_out(&plane, &sensor, &Reading::new(800.0, 9), &white).unwrap();
+        let (mean, _) = statistics(&merge(&[low.clone(), high.clone()]).unwrap());
+        let (alone, _) = statistics(&high);
+        assert!((mean / alone - 1.0).abs() < 0.005, "{mean} {alone}");
+        let ratio = alone / statistics(&low).0;
+        assert!((8.5..9.3).contains(&ratio), "{ratio}");
     }
 
     #[test]

@@ -76,13 +76,8 @@ pub(crate) fn exif_fields(f: &ExposureFacts) -> Vec<(u16, Field)> {
     }
     if let Some(ev) = f.metered_ev100 {
         fields.push((37379, Field::srational(round(ev - 5.0))));
-        // What the exposure differs from what the meter asked for.
-        if f.iso > 0.0 && f.f_number > 0.0 && f.exposure_s > 0.0 {
-            let t = if f.t_number > 0.0 { f.t_number } else { f.f_number };
-            let time = f.shutter.as_ref().map_or(f.exposure_s, |s| s.effective_s);
-            let bias = ev - (t * t / time * 100.0 / f.iso).log2();
-            fields.push((37380, Field::srational(round(bias))));
-        }
+        // What was asked for; where everything is set by hand nothing was.
+        fields.push((37380, Field::srational(round(if f.mode == "M" { 0.0 } else { f.compensation_ev }))));
         let pattern = match f.metering.as_str() {
             "" | "average" => 1,
             "centre-weighted" => 2,
@@ -112,12 +107,22 @@ pub(crate) fn exif_fields(f: &ExposureFacts) -> Vec<(u16, Field)> {
     if (1.0..65_536.0).contains(&equivalent) {
         fields.push((41989, Field::short(equivalent as u16)));
     }
+    if let Some(info) = lens_info(f) {
+        fields.push((42034, Field::Rationals(info.to_vec())));
+    }
     for (tag, text) in [(42033, &f.serial), (42036, &f.lens)] {
         if !text.is_empty() {
             fields.push((tag, Field::text(text)));
         }
     }
     fields
+}
+
+/// Shortest and longest focal length, mm, and the least f-numbers there: EXIF's LensSpecification, DNG's LensInfo.
+pub(crate) fn lens_info(f: &ExposureFacts) -> Option<[f64; 4]> {
+    let set = [f.focal_length_mm, f.f_number];
+    let [[short, wide], [long, tele]] = f.lens_range.unwrap_or([set; 2]);
+    (f.focal_length_mm > 0.0).then(|| [short, long, wide, tele].map(|v| (v * 1e3).round() / 1e3))
 }
 
 /// Four decimals: what a person would write, so that the fraction is short.

@@ -4,8 +4,8 @@
 
 use crate::encoding::{hlg_decode, pq_decode};
 use crate::{Encoding, ImageError};
-use diopter_light::color::RgbSpace;
-use moxcms::{ColorProfile, LocalizableString, ProfileText, ToneReprCurve};
+use diopter_light::color::{D50_XY, RgbSpace, bradford};
+use moxcms::{ColorProfile, LocalizableString, Matrix3d, ProfileText, ToneReprCurve, Xyzd};
 
 /// Code points of H.273: primaries, transfer, matrix (RGB), full range. `None` of what has no code there.
 pub fn code_points(space: RgbSpace, encoding: Encoding) -> Option<[u8; 4]> {
@@ -34,6 +34,9 @@ const CURVE_POINTS: usize = 4096;
 const CREATED_AT: usize = 24;
 const CREATED: [u16; 6] = [2026, 1, 1, 0, 0, 0];
 
+/// White of the connection space, which is that of the medium, too, of displays: their own white is in the adaptation (ICC.1 §7.2.16, §9.2.36).
+const PCS_WHITE: Xyzd = Xyzd { x: 0.9642, y: 1.0, z: 0.8249 };
+
 /// An ICC profile of the codes that are written, named after what it describes. Light of HDR profiles is relative to their peak: 10 000 cd/m²
 /// of PQ, the nominal peak of HLG. Fails where `moxcms` cannot encode it.
 pub fn profile(space: RgbSpace, encoding: Encoding) -> Result<Vec<u8>, ImageError> {
@@ -58,6 +61,11 @@ pub fn profile(space: RgbSpace, encoding: Encoding) -> Result<Vec<u8>, ImageErro
         Encoding::Hlg => (tabulated(&hlg_decode), "HLG"),
     };
     (p.red_trc, p.green_trc, p.blue_trc) = (Some(curve.clone()), Some(curve.clone()), Some(curve));
+    let white = space.chromaticities().1;
+    // Rows.
+    let adapted = bradford(white, D50_XY).transpose().to_cols_array_2d();
+    p.chromatic_adaptation = Some(Matrix3d { v: adapted });
+    (p.white_point, p.media_white_point) = (PCS_WHITE, Some(PCS_WHITE));
     let text = format!("{name}, {function}");
     p.description = Some(ProfileText::Localizable(vec![LocalizableString::new("en".into(), "US".into(), text)]));
     // A code point of another function would contradict the curve; pictures that need one have it beside the profile.
@@ -73,7 +81,7 @@ pub fn profile(space: RgbSpace, encoding: Encoding) -> Result<Vec<u8>, ImageErro
 #[cfg(test)]
 mod tests {
     use super::*;
-    use diopter_light::color::{D50_XY, D65_XY};
+    use diopter_light::color::D65_XY;
 
     #[test]
     fn profiles_say_what_the_codes_are() {
@@ -108,7 +116,14 @@ mod tests {
                     assert!((at(code) - expected).abs() < 2e-3, "{space:?} {encoding:?} {code}: {} {expected}", at(code));
                 }
                 // The primaries: red of the profile, adapted to D50, against ours.
-                let red = diopter_light::color::bradford(D65_XY, D50_XY) * space.xyz_from_rgb().x_axis;
+                let adaptation = bradford(D65_XY, D50_XY);
+                let rows = read.chromatic_adaptation.unwrap().v;
+                // 1.0479 0.0229 -0.0502 (Lindbloom).
+                assert!((rows[0][0] - 1.0479).abs() < 1e-3 && (rows[0][2] + 0.0502).abs() < 1e-3, "{rows:?}");
+                // Black of the medium aside, white of the medium under the connection space, and from there back to D65.
+                assert!(read.media_white_point.is_some_and(|w| (w.x - 0.9642).abs() < 1e-4 && (w.z - 0.8249).abs() < 1e-4));
+                assert_eq!(bytes[68..80], [0, 0, 0xf6, 0xd6, 0, 1, 0, 0, 0, 0, 0xd3, 0x2d]);
+                let red = adaptation * space.xyz_from_rgb().x_axis;
                 let told = read.red_colorant;
                 assert!((told.x - red.x).abs() < 1e-3 && (told.y - red.y).abs() < 1e-3, "{space:?} {told:?} {red}");
             }

@@ -16,6 +16,10 @@ pub struct ColorCalibration {
     pub xyz_d50_from_balanced: Vec<[f64; 3]>,
 }
 
+/// Factor from fractions of saturation to light of the scene in which metered grey is 18 %: saturation-based speeds put it at 10/78 of saturation (ISO 12232). DNG's `BaselineExposure`
+/// counts from fractions of saturation, [`RawHeader::baseline_ev`] from there.
+pub const GREY_GAIN: f64 = 0.18 * 78.0 / 10.0;
+
 /// Kinds of light by their numbers in EXIF (tag LightSource, EXIF 2.32 table 4.6.5).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LightSource(pub u16);
@@ -36,10 +40,12 @@ impl LightSource {
             "D65" => 21,
             "D75" => 22,
             "D50" => 23,
-            "FL2" => 14,
-            "FL7" => 12,
-            "FL8" => 13,
-            "FL11" => 15,
+            // By their colour temperatures: daylight 5700 to 7100 K, day white 4600 to 5500, cool white 3800 to 4500, white 3250 to 3800, warm white 2600 to 3250.
+            "FL1" | "FL5" | "FL7" => 12,
+            "FL8" | "FL10" => 13,
+            "FL2" | "FL6" | "FL9" | "FL11" => 14,
+            "FL3" => 15,
+            "FL4" | "FL12" => 16,
             _ => 255,
         })
     }
@@ -55,7 +61,7 @@ impl LightSource {
             14 => 4230.0,
             12 => 6500.0,
             13 => 5000.0,
-            15 => 4000.0,
+            15 => 3450.0,
             // Daylight, fine weather, flash; cloudy; shade; tungsten; fluorescent; warm white; standard lights B and C; ISO studio tungsten: as
             // Adobe's DNG SDK takes them.
             1 | 4 | 9 => 5500.0,

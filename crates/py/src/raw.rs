@@ -10,7 +10,7 @@ use diopter::develop::Recipe;
 use diopter::files::open;
 use diopter::image;
 use diopter::image::dng::{self, Storage};
-use diopter::sensor::{ReadOut, Reading, Sensor, SensorError, Window};
+use diopter::sensor::{AskedReading, ReadOut, Sensor, SensorError, Window};
 use diopter::shot::white_point;
 use diopter::{hdr, raw_file};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
@@ -165,26 +165,6 @@ fn body_of(plane: &FocalPlane, body: Option<&Bound<'_, Body>>) -> Result<(Arc<Se
     Ok((Arc::new(named), true))
 }
 
-fn reading(
-    plane: &FocalPlane,
-    (sensor, own): (&Sensor, bool),
-    iso: Option<f64>,
-    seed: u64,
-    serial: Option<String>,
-    temperature_c: Option<f64>,
-    white: Option<&str>,
-) -> Reading {
-    // What the camera was set to, if it is this body that reads.
-    let own = Some(&plane.plane.facts).filter(|_| own);
-    Reading {
-        iso: sensor.resolve_iso(iso, own.map_or(0.0, |facts| facts.iso_set)),
-        seed,
-        serial: Reading::serial_of(serial.as_deref(), own),
-        temperature_c: temperature_c.or(own.and_then(|facts| facts.temperature_c)),
-        white: Reading::white_of(white, own),
-    }
-}
-
 /// Reads a plane out.
 #[pyfunction]
 #[pyo3(signature = (plane, body=None, iso=None, seed=1, serial=None, temperature_c=None, white=None, threads=None))]
@@ -196,12 +176,14 @@ pub fn read_out(
     seed: u64,
     serial: Option<String>,
     temperature_c: Option<f64>,
-    white: Option<&str>,
+    white: Option<String>,
     threads: Option<usize>,
 ) -> PyResult<RawImage> {
     let plane = plane.get();
     let (sensor, own) = body_of(plane, body)?;
-    let reading = reading(plane, (&sensor, own), iso, seed, serial, temperature_c, white);
+    // What the camera was set to, if it is this body that reads.
+    let set = Some(&plane.plane.facts).filter(|_| own);
+    let reading = AskedReading { iso, serial, temperature_c, white }.reading(&sensor, set, seed);
     let white = white_point(&reading.white).map_err(PythonError::from)?;
     let raw = background::run(py, threads, None, |_| diopter::sensor::read_out(&plane.plane, &sensor, &reading, &white))?;
     Ok(RawImage { raw: Arc::new(raw.map_err(PythonError::from)?) })
@@ -224,7 +206,8 @@ pub fn expected<'py>(
 ) -> PyResult<Expected<'py>> {
     let plane = plane.get();
     let (sensor, own) = body_of(plane, body)?;
-    let reading = reading(plane, (&sensor, own), iso, 1, serial, temperature_c, None);
+    let set = Some(&plane.plane.facts).filter(|_| own);
+    let reading = AskedReading { iso, serial, temperature_c, white: None }.reading(&sensor, set, 1);
     let (exposed, size) = (&plane.plane, [plane.plane.width(), plane.plane.height()]);
     let rows = background::run(py, threads, None, |_| -> Result<_, SensorError> {
         let reader =

@@ -35,28 +35,39 @@ impl Reading {
     /// The serial number of a body that has no other.
     pub const FIRST_SERIAL: &str = "000001";
 
-    /// What is taken for white where nobody says another.
-    pub const USUAL_WHITE: &str = "D65";
-
-    /// The serial number that was asked for, or that a plane's camera was set to, or the first.
-    pub fn serial_of(asked: Option<&str>, plane: Option<&ExposureFacts>) -> String {
-        chosen(asked, plane.map(|facts| &*facts.serial), Self::FIRST_SERIAL)
-    }
-
-    /// The same of the illuminant that is taken for white.
-    pub fn white_of(asked: Option<&str>, plane: Option<&ExposureFacts>) -> String {
-        chosen(asked, plane.map(|facts| &*facts.white), Self::USUAL_WHITE)
-    }
-
     /// Reads at an ISO speed with a seed; D65, the sheet's temperature, the first serial number.
     pub fn new(iso: f64, seed: u64) -> Self {
-        Reading { iso, seed, serial: Self::FIRST_SERIAL.into(), temperature_c: None, white: Self::USUAL_WHITE.into() }
+        Reading { iso, seed, serial: Self::FIRST_SERIAL.into(), temperature_c: None, white: "D65".into() }
     }
 }
 
-/// What was asked for, or a plane says, or is usual.
-fn chosen(asked: Option<&str>, plane: Option<&str>, usual: &str) -> String {
-    asked.or(plane.filter(|set| !set.is_empty())).unwrap_or(usual).to_owned()
+/// What is asked of a reading; the rest is what the plane's camera was set to, or the usual.
+#[derive(Clone, Debug, Default)]
+pub struct AskedReading {
+    /// ISO speed.
+    pub iso: Option<f64>,
+    /// Serial number of the body.
+    pub serial: Option<String>,
+    /// Temperature, °C.
+    pub temperature_c: Option<f64>,
+    /// Illuminant that is taken for white.
+    pub white: Option<String>,
+}
+
+impl AskedReading {
+    /// The reading of a sensor by a seed; `set`: of a plane that this body exposed.
+    pub fn reading(&self, sensor: &Sensor, set: Option<&ExposureFacts>, seed: u64) -> Reading {
+        let usual = Reading::new(sensor.resolve_iso(self.iso, set.map_or(0.0, |facts| facts.iso_set)), seed);
+        let or_set = |asked: &Option<String>, set: Option<&String>, usual: String| {
+            asked.as_ref().or(set.filter(|set| !set.is_empty())).cloned().unwrap_or(usual)
+        };
+        Reading {
+            serial: or_set(&self.serial, set.map(|facts| &facts.serial), usual.serial),
+            temperature_c: self.temperature_c.or(set.and_then(|facts| facts.temperature_c)),
+            white: or_set(&self.white, set.map(|facts| &facts.white), usual.white),
+            ..usual
+        }
+    }
 }
 
 /// Rows of a focal plane: mean electrons `[row][column][band]`, from row `first` on.
@@ -134,21 +145,7 @@ impl<'a> ReadOut<'a> {
                 expected: "-273 to 200 °C".into(),
             });
         }
-        // A well as large as the converter's range never limits. Where a well is full first, what is read of it still has
-        // its noise: three deviations below, nearly all full pixels are counted as such. Whole numbers, as files hold them.
-        let converter_e = (step.white_level_dn - step.black_level_dn) * step.gain_e_per_dn;
-        let full_e = sensor.saturation_e(&step);
-        let well_first = full_e < 0.999 * converter_e || sensor.second_reading.is_some();
-        let mut spread = [step.read_noise_e, step.row_noise_e, sensor.dsnu_e, sensor.dsnu_row_e, sensor.dsnu_column_e]
-            .iter()
-            .fold(0.0, |a: f64, b| a.hypot(*b));
-        if let Some(second) = &sensor.second_reading {
-            spread = spread.hypot(second.read_noise_e) / second.relative_exposure;
-        }
-        let white_level = match well_first {
-            true => (step.black_level_dn + (full_e - 3.0 * spread) / step.gain_e_per_dn).floor().max(step.black_level_dn + 1.0),
-            false => step.white_level_dn,
-        };
+        let (full_e, well_first) = (sensor.saturation_e(&step), sensor.is_well_first(&step));
         Ok(ReadOut {
             dark_e_per_s: sensor.dark_current.at(celsius),
             exposure_s: exposure_s.max(0.0),
@@ -157,7 +154,7 @@ impl<'a> ReadOut<'a> {
             well_e: if well_first { sensor.full_well_e } else { f64::INFINITY },
             full_e: if well_first { full_e } else { f64::INFINITY },
             reading: Reading { temperature_c: Some(celsius), ..reading.clone() },
-            white_level,
+            white_level: sensor.white_level_dn(&step),
             step,
             sensor,
             width,
@@ -197,7 +194,7 @@ impl<'a> ReadOut<'a> {
             bits: sensor.adc_bits,
             black_level: step.black_level_dn,
             white_level: self.white_level,
-            baseline_ev: 0.0,
+            baseline_ev: sensor.brightening_ev(step),
             framing: Default::default(),
             opcodes: vec![],
             warnings: vec![],

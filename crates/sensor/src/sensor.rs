@@ -325,6 +325,45 @@ impl Sensor {
         Some((model, analog.iter().map(off).fold(0.0, f64::max)))
     }
 
+    /// Whether a well is full before the converter's range ends. One as large as that never limits.
+    pub(crate) fn is_well_first(&self, step: &IsoStep) -> bool {
+        let converter_e = (step.white_level_dn - step.black_level_dn) * step.gain_e_per_dn;
+        self.saturation_e(step) < 0.999 * converter_e || self.second_reading.is_some()
+    }
+
+    /// The number from which pixels count as full at a setting, a whole one, as files hold it. What is read of full wells still has its noise: three deviations below, nearly all full pixels are counted as such.
+    pub fn white_level_dn(&self, step: &IsoStep) -> f64 {
+        if !self.is_well_first(step) {
+            return step.white_level_dn;
+        }
+        let mut spread = [step.read_noise_e, step.row_noise_e, self.dsnu_e, self.dsnu_row_e, self.dsnu_column_e]
+            .iter()
+            .fold(0.0, |a: f64, b| a.hypot(*b));
+        if let Some(second) = &self.second_reading {
+            spread = spread.hypot(second.read_noise_e) / second.relative_exposure;
+        }
+        let white = step.black_level_dn + (self.saturation_e(step) - 3.0 * spread) / step.gain_e_per_dn;
+        white.floor().max(step.black_level_dn + 1.0)
+    }
+
+    /// Electrons of that number.
+    fn white_e(&self, step: &IsoStep) -> f64 {
+        (self.white_level_dn(step) - step.black_level_dn) * step.gain_e_per_dn
+    }
+
+    /// Stops by which a picture at a setting is brightened for what was metered alike to be shown as at the lowest speed: between speeds cameras change the range of their numbers and
+    /// round their amplification, and what is metered is a little more or less of it. Makers of raw converters measure the same for `BaselineExposure`, by camera and speed.
+    pub fn brightening_ev(&self, step: &IsoStep) -> f64 {
+        let lowest = &self.iso[0];
+        (self.white_e(step) * step.iso / (self.white_e(lowest) * lowest.iso)).log2()
+    }
+
+    /// Stops by which half of the light of each pixel, in half of a well, is brightened more than all of it: 0 where the wells limit, 1 where the converter does.
+    pub fn brightening_of_half_ev(&self) -> f64 {
+        let half = Sensor { full_well_e: 0.5 * self.full_well_e, ..self.clone() };
+        1.0 + (half.white_e(&self.iso[0]) / self.white_e(&self.iso[0])).log2()
+    }
+
     /// Electrons at which a setting saturates: the well's or the converter's, whichever comes first.
     pub fn saturation_e(&self, step: &IsoStep) -> f64 {
         let converter = (step.white_level_dn - step.black_level_dn) * step.gain_e_per_dn;

@@ -5,6 +5,7 @@ use super::{Raw, TruthLayout};
 use crate::effect::Typed;
 use clap::Subcommand;
 use diopter::quantity::{FNumber, Iso, Seconds};
+use diopter::sensor::AskedReading;
 use diopter::shot::flag_values::stops;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -51,6 +52,18 @@ pub struct ReadOut {
     /// Raw file to write (.dng).
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
+}
+
+impl ReadOut {
+    /// What is asked of the reading.
+    pub fn asked(&self) -> AskedReading {
+        AskedReading {
+            iso: self.iso.map(|iso| iso.0),
+            serial: self.raw.serial.clone(),
+            temperature_c: self.raw.temperature,
+            white: self.white.clone(),
+        }
+    }
 }
 
 #[derive(clap::Args, Debug)]

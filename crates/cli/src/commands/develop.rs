@@ -4,7 +4,7 @@ use super::{print_json, read_raw};
 use crate::args::Develop;
 use crate::output::{self, Format, Kind, Output};
 use crate::watch::{say, watched};
-use crate::{UsageError, effect, step_pictures, views};
+use crate::{Stopped, UsageError, effect, step_pictures, views};
 use anyhow::{Context, anyhow};
 use diopter::develop::lut::Lut;
 use diopter::develop::{Recipe, SETTINGS};
@@ -71,6 +71,7 @@ pub fn run(args: &Develop, json: bool) -> anyhow::Result<()> {
                 // One file that cannot be developed is no reason to leave the others.
                 Err(e) if several => {
                     say(&format!("diopter: {}", crate::told(&e)));
+                    reports.push(serde_json::json!({ "files": [], "error": crate::error_json(&e, 1)["error"] }));
                     failed += 1;
                 }
                 Err(e) => return Err(e),
@@ -98,7 +99,11 @@ pub fn run(args: &Develop, json: bool) -> anyhow::Result<()> {
     }
     match failed {
         0 => Ok(()),
-        n => Err(anyhow!("{n} of {} files could not be developed", jobs.len())),
+        n => {
+            let how = format!("{n} of {} files could not be developed", jobs.len());
+            // In JSON all has been said.
+            Err(if json { Stopped(how).into() } else { anyhow!(how) })
+        }
     }
 }
 

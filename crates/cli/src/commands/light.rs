@@ -12,7 +12,7 @@ use diopter::from_light::{Channels, Place, focal_plane, of_plane};
 use diopter::image::exr::{self, FocalPlaneRows};
 use diopter::image::focal_plane::BandUnit;
 use diopter::image::{FocalPlane, ImageError, RawImage};
-use diopter::sensor::{ReadOut as Reader, Reading, Sensor, read_out};
+use diopter::sensor::{ReadOut as Reader, Sensor, read_out};
 use diopter::shot::white_point;
 use diopter::{raw_file, truth};
 use std::path::PathBuf;
@@ -83,16 +83,10 @@ pub fn run(args: &ReadOut, names: &[PathBuf], json: bool) -> anyhow::Result<()> 
     // One proves that the others can be written; thousands are not opened at once.
     let mut ready = Some(output::prepare_dng(&names[0])?);
     let truth_file = args.truth.as_deref().map(output::prepare_exr).transpose()?;
-    let illuminant = args.white.as_deref().unwrap_or(Reading::USUAL_WHITE);
-    let white = white_point(illuminant)?;
     let (sensor, plane) = exposed(args)?;
-    let reading = |k: usize| Reading {
-        iso: sensor.resolve_iso(args.iso.map(|i| i.0), 0.0),
-        seed: args.seed.wrapping_add(k as u64),
-        serial: args.raw.serial.clone().unwrap_or_else(|| Reading::FIRST_SERIAL.into()),
-        temperature_c: args.raw.temperature,
-        white: illuminant.to_owned(),
-    };
+    let asked = args.asked();
+    let reading = |k: usize| asked.reading(&sensor, None, args.seed.wrapping_add(k as u64));
+    let white = white_point(&reading(0).white)?;
     let date = now();
     let taken = |k: usize| -> anyhow::Result<RawImage> {
         let mut raw = read_out(&plane, &sensor, &reading(k), &white).map_err(|e| UsageError(e.into()))?;

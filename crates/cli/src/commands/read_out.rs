@@ -11,7 +11,7 @@ use diopter::develop::Recipe;
 use diopter::image::dng;
 use diopter::image::exr::FocalPlaneRows;
 use diopter::image::{ImageError, RawHeader};
-use diopter::sensor::{Reading, Window};
+use diopter::sensor::Window;
 use diopter::shot::white_point;
 use diopter::{raw_file, truth};
 use std::path::Path;
@@ -53,16 +53,9 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
     }
     // What the camera was set to, if it is this body that reads.
     let own = Some(first.facts()).filter(|_| args.body.is_none());
-    let set = own.map_or(0.0, |facts| facts.iso_set);
-    let illuminant = Reading::white_of(args.white.as_deref(), own);
-    let white = white_point(&illuminant)?;
-    let reading = |k: usize| Reading {
-        iso: sensor.resolve_iso(args.iso.map(|i| i.0), set),
-        seed: args.seed.wrapping_add(k as u64),
-        serial: Reading::serial_of(args.raw.serial.as_deref(), own),
-        temperature_c: args.raw.temperature.or(own.and_then(|facts| facts.temperature_c)),
-        white: illuminant.clone(),
-    };
+    let wanted = args.asked();
+    let reading = |k: usize| wanted.reading(&sensor, own, args.seed.wrapping_add(k as u64));
+    let white = white_point(&reading(0).white)?;
     let asked = |e| anyhow::Error::from(UsageError(anyhow::Error::from(e).context(place())));
     let date = now();
     let prepare = |k: usize| {

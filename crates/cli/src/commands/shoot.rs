@@ -129,7 +129,7 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         let raw_too = kept_files().any(|p| !looked_at(&p)) || !planes.is_empty() || !truths.is_empty();
         shot.denoise_pictures(raw_too, &mut warn)?;
     }
-    let series_is_looked_at = args.merge.iter().chain(&args.stack).all(|p| looked_at(&p));
+    let joined_is_looked_at: Vec<bool> = args.merge.iter().chain(&args.stack).map(|p| looked_at(&p)).collect();
     let kept = match (truths.is_empty(), planes.is_empty()) {
         (false, _) => ExposureUse::Truth,
         (true, false) => ExposureUse::Plane,
@@ -163,7 +163,9 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         output.commit(|to| Ok(to.write_all(file.to_toml().as_bytes())?))?;
     }
 
-    let (mut written, mut raws, mut all_facts) = (Vec::new(), Vec::<RawImage>::new(), Vec::new());
+    // Those that are joined: as they were read out, and without the renderer's noise.
+    let (mut raws, mut clean) = (Vec::<RawImage>::new(), Vec::<RawImage>::new());
+    let (mut written, mut all_facts) = (Vec::new(), Vec::new());
     let (mut size, mut expose_s) = ([0, 0], 0.0);
     let mut stopped = None;
     let mut calibration: Option<Calibration> = None;
@@ -236,8 +238,11 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         of_this.iter().for_each(|path| say(&format!("wrote {}", path.display())));
         written.extend(of_this);
         all_facts.push(facts);
-        if merged_file.is_some() || stacked_file.is_some() {
-            raws.push(denoised.filter(|_| series_is_looked_at).unwrap_or(raw));
+        if denoised.is_none() && !joined_is_looked_at.is_empty() || joined_is_looked_at.contains(&false) {
+            raws.push(raw);
+        }
+        if joined_is_looked_at.contains(&true) {
+            clean.extend(denoised);
         }
         stopped = taken.finish();
         if stopped.is_none() && k + 1 < count && watch::stopping() {
@@ -258,15 +263,17 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     // A series that is not whole is not joined.
     let (stacked_file, merged_file) = if stopped.is_some() { (None, None) } else { (stacked_file, merged_file) };
     if let Some(outputs) = stacked_file {
-        for path in stack::write(outputs, &raws, &shot.recipe, shot.lut.as_ref())? {
+        for path in stack::write(outputs, &raws, &clean, &shot.recipe, shot.lut.as_ref())? {
             say(&format!("wrote {}", path.display()));
             written.push(path);
         }
     }
     if let Some(outputs) = merged_file {
-        let merged = hdr::merge(&raws).map_err(anyhow::Error::from)?;
+        let merged = |raws: &[RawImage]| (!raws.is_empty()).then(|| hdr::merge(raws)).transpose().map_err(anyhow::Error::from);
+        let (merged, clean) = (merged(&raws)?, merged(&clean)?);
+        let any = merged.as_ref().or(clean.as_ref()).expect("a series that was taken");
         let format = Format { storage: args.raw.storage(), ..Format::default() };
-        for path in output::write_pictures(outputs, &merged, None, &shot.recipe, shot.lut.as_ref(), format)? {
+        for path in output::write_pictures(outputs, any, clean.as_ref(), &shot.recipe, shot.lut.as_ref(), format)? {
             say(&format!("wrote {}", path.display()));
             written.push(path);
         }

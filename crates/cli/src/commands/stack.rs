@@ -23,7 +23,7 @@ pub fn run(args: &Stack, json: bool) -> anyhow::Result<()> {
     args.developing.apply(&mut recipe)?;
     let lut = diopter::recipe_file::lut(&recipe)?;
     let raws: Vec<RawImage> = args.raw.iter().map(|p| read_raw(p)).collect::<anyhow::Result<_>>()?;
-    let written = write(outputs, &raws, &recipe, lut.as_ref())?;
+    let written = write(outputs, &raws, &[], &recipe, lut.as_ref())?;
     say(&format!("{} pictures", raws.len()));
     written.iter().for_each(|p| say(&format!("wrote {}", p.display())));
     if json {
@@ -40,15 +40,17 @@ pub fn prepare(paths: &[PathBuf]) -> anyhow::Result<Vec<(Kind, Output)>> {
     output::prepare_pictures(paths)
 }
 
-/// Develops a series, stacks and writes it.
+/// Develops a series, stacks and writes it; pictures to look at from `clean`, where there are any, the same without the renderer's noise.
 pub fn write(
     outputs: Vec<(Kind, Output)>,
     raws: &[RawImage],
+    clean: &[RawImage],
     recipe: &Recipe,
     lut: Option<&Lut>,
 ) -> anyhow::Result<Vec<PathBuf>> {
     // Film distance behind the lens: focal length and what the film is moved back.
-    if raws.len() < 2 {
+    let any = if raws.is_empty() { clean } else { raws };
+    if any.len() < 2 {
         return Err(UsageError(StackError::TooFew.into()).into());
     }
     let drawn = |r: &RawImage| {
@@ -64,13 +66,14 @@ pub fn write(
     };
     // A real lens's own trace says how large it draws, also where groups move inside.
     let traced = |r: &RawImage| r.header.facts.lens_profile.as_ref().map(|p| f64::from(p.scale)).filter(|s| *s > 0.0);
-    let relative = |r: &RawImage| match (traced(r), traced(&raws[0])) {
+    let relative = |r: &RawImage| match (traced(r), traced(&any[0])) {
         (Some(a), Some(b)) => a / b,
-        _ => drawn(r) / drawn(&raws[0]),
+        _ => drawn(r) / drawn(&any[0]),
     };
-    let scales: Vec<f64> = raws.iter().map(relative).collect();
+    let scales: Vec<f64> = any.iter().map(relative).collect();
     let mut written = Vec::new();
     for (kind, output) in outputs {
+        let raws = if kind.is_looked_at() && !clean.is_empty() { clean } else { any };
         let light = recipe.linear_light();
         let (recipe, lut) = if kind == Kind::Exr { (&light, None) } else { (recipe, lut.cloned()) };
         let pictures: Vec<Picture> =

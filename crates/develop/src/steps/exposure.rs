@@ -1,7 +1,7 @@
 //! Brightness: stops, and the headroom of the sensor.
 
-use super::tone::GREY_GAIN;
 use crate::setting::section;
+use diopter_image::raw::GREY_GAIN;
 
 section! {
     /// Brightness.
@@ -13,5 +13,5 @@ section! {
 
 /// Factor from fractions of saturation to light of the scene, where metered grey is 0.18. `ev` and `baseline_ev` are stops.
 pub fn gain(ev: f64, baseline_ev: f64) -> f32 {
-    GREY_GAIN * (ev + baseline_ev).exp2() as f32
+    (GREY_GAIN * (ev + baseline_ev).exp2()) as f32
 }

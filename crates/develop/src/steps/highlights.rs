@@ -14,7 +14,7 @@ section! {
     /// What is brighter than the sensor can tell.
     Highlights "highlights" {
         method: HighlightMethod = HighlightMethod::Recover, "", Names(HighlightMethod::NAMES),
-            "clip: white where the first channel saturates; recover: saturated channels are guessed from the others";
+            "clip: neutral where the first channel saturates, as bright as that; recover: saturated channels are guessed from the others";
     }
 }
 
@@ -95,7 +95,9 @@ fn opposed(sums: &[(f32, f32, f32); 4], own: usize, channels: usize) -> (f32, f3
 pub fn apply(data: &mut [f32], region: Region, cfa: &Cfa, gains: &[f32], method: HighlightMethod, cast: Option<&Cast>) {
     let Some(cast) = cast.filter(|_| method == HighlightMethod::Recover) else {
         if method == HighlightMethod::Clip {
-            data.iter_mut().for_each(|v| *v = v.min(1.0));
+            // Not above 1 either, where every channel is amplified.
+            let first = gains.iter().copied().fold(1.0, f32::min);
+            data.iter_mut().for_each(|v| *v = v.min(first));
         }
         return;
     };

@@ -138,6 +138,8 @@ pub struct Shot {
     focusing: Focusing,
     /// By which pictures are brightened when they are developed, EV.
     baseline_ev: f64,
+    /// The same of pictures of half of the photodiodes, which have half of the light, EV.
+    half_ev: f64,
     /// Whether the light of a scene without a scale has got one.
     light_settled: bool,
     /// Lamps, sky or ground of the scene were placed by where the camera stands.
@@ -269,6 +271,7 @@ impl Shot {
             exposing,
             focusing,
             baseline_ev: 0.0,
+            half_ev: 0.0,
             light_settled: false,
             lights_follow_camera,
             denoising_s: None,

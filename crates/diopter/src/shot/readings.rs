@@ -45,6 +45,7 @@ impl Shot {
         };
         if self.settings.half.is_none() {
             self.facts.serial.clone_from(&self.reading.serial);
+            self.half_ev = self.sensor.brightening_of_half_ev();
             self.sensor.full_well_e *= 0.5;
             self.sensor.dark_current.points.iter_mut().for_each(|point| point[1] *= 0.5);
         }

@@ -289,7 +289,7 @@ impl Shot {
         raw.header.baseline_ev += self.baseline_ev;
         if self.settings.half.is_some() {
             // Half of the light: developed as bright as whole pixels.
-            raw.header.baseline_ev += 1.0;
+            raw.header.baseline_ev += self.half_ev;
             raw.header.facts.serial.clone_from(&self.facts.serial);
         }
         Ok(raw)

@@ -1,7 +1,8 @@
 //! Writing: the mosaic by bands of rows, so that no more of it need be in memory.
 
 use super::{FILTER_NUMBERS, XMP_NAMESPACE, compression, lossless, packing, photometric, tag};
-use crate::exif::{EXIF_DIRECTORY, exif_fields, main_fields};
+use crate::exif::{EXIF_DIRECTORY, exif_fields, lens_info, main_fields};
+use crate::raw::GREY_GAIN;
 use crate::streams::WriteSeek;
 use crate::tags::{Field, write_fields, written};
 use crate::{ExposureFacts, ImageError, Picture, Raster, RawHeader, RawImage, jpeg};
@@ -258,7 +259,7 @@ fn color_fields(header: &RawHeader) -> Vec<(u16, Field)> {
         (tag::DNG_VERSION, Field::Bytes(vec![1, 6, 0, 0])),
         (tag::DNG_BACKWARD_VERSION, Field::Bytes(vec![1, 4, 0, 0])),
         (tag::UNIQUE_CAMERA_MODEL, Field::text(model)),
-        (tag::BASELINE_EXPOSURE, Field::srational(header.baseline_ev)),
+        (tag::BASELINE_EXPOSURE, Field::srational(header.baseline_ev + GREY_GAIN.log2())),
         (tag::BASELINE_NOISE, Field::rational(1.0)),
         (tag::BASELINE_SHARPNESS, Field::rational(1.0)),
         (tag::LINEAR_RESPONSE_LIMIT, Field::rational(1.0)),
@@ -266,11 +267,7 @@ fn color_fields(header: &RawHeader) -> Vec<(u16, Field)> {
     if !facts.serial.is_empty() {
         fields.push((tag::CAMERA_SERIAL, Field::text(&facts.serial)));
     }
-    if facts.focal_length_mm > 0.0 {
-        // Focal lengths, then the f-numbers there.
-        let set = [facts.focal_length_mm, facts.f_number];
-        let [[short, wide], [long, tele]] = facts.lens_range.unwrap_or([set; 2]);
-        let info = [short, long, wide, tele].map(|v| (v * 1e3).round() / 1e3);
+    if let Some(info) = lens_info(facts) {
         fields.push((tag::LENS_INFO, Field::Rationals(info.to_vec())));
     }
     if header.cfa.is_colorless() {

@@ -18,9 +18,6 @@ use glam::Vec3;
 /// Middle grey.
 pub const GREY: f32 = 0.18;
 
-/// A metered grey is 12.7 % of saturation (ISO 12232: 10/78); pictures show it as 18 %: the sensor's headroom.
-pub const GREY_GAIN: f32 = 0.18 * 78.0 / 10.0;
-
 /// Luminance of Rec.709.
 pub const LUMA: Vec3 = diopter_light::color::SRGB_LUMINANCE;
 

@@ -5,7 +5,7 @@ use super::super::{XMP_NAMESPACE, tag};
 use super::mosaic::flat;
 use super::{DAYLIGHT_KELVIN, DAYLIGHT_XY, File, MADE_LEVELS, levels, malformed};
 use crate::exif::EXIF_DIRECTORY;
-use crate::raw::{Cfa, ColorCalibration, Framing, LightSource, RawHeader};
+use crate::raw::{Cfa, ColorCalibration, Framing, GREY_GAIN, LightSource, RawHeader};
 use crate::{ExposureFacts, ImageError};
 use std::io::{Read, Seek};
 use tiff::Directory;
@@ -67,7 +67,8 @@ pub(super) fn header<R: Read + Seek>(
     }
     let neutral = neutral(file, main, n, &calibrations, warnings)?;
     let largest = neutral.iter().fold(0.0f64, |a, b| a.max(*b));
-    let baseline = file.number(main, tag::BASELINE_EXPOSURE)?.filter(|v| v.abs() <= 10.0).unwrap_or(0.0);
+    // Without it the fractions of saturation are meant as they are.
+    let baseline = file.number(main, tag::BASELINE_EXPOSURE)?.filter(|v| v.abs() <= 20.0).unwrap_or(0.0);
     let noise = file.numbers(raw, tag::NOISE_PROFILE)?;
     // One pair stands for all planes.
     let noise = if noise.len() == 2 { noise.repeat(n) } else { noise };
@@ -80,7 +81,7 @@ pub(super) fn header<R: Read + Seek>(
         white_level,
         as_shot_neutral: neutral.iter().map(|v| v / largest).collect(),
         calibrations,
-        baseline_ev: baseline,
+        baseline_ev: baseline - GREY_GAIN.log2(),
         framing: Framing::default(),
         opcodes: Vec::new(),
         warnings: Vec::new(),
