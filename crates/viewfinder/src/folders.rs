@@ -127,6 +127,7 @@ fn named(shot: &ShotFile) -> Vec<Named> {
         ("scene", s.file.clone().filter(|f| !builtin::is_embedded(f))),
         ("light", s.light.clone()),
         ("environment", path(&s.environment)),
+        ("classes", path(&s.classes)),
         ("body", c.body.clone()),
         ("lens", lens),
         ("calibration", path(&c.calibration)),
@@ -188,11 +189,14 @@ mod tests {
         std::fs::write(&path, "").unwrap();
         let text = path.display().to_string();
         let none = Folders::default();
-        let changes: [fn(&mut ShotFile, &str); 6] = [
+        let changes: [fn(&mut ShotFile, &str); 9] = [
             |f, p| f.camera.lens = Some(p.into()),
             |f, p| f.camera.lens = Some(format!("{p}#3")),
             |f, p| f.camera.body = Some(p.into()),
             |f, p| f.scene.light = Some(p.into()),
+            |f, p| f.scene.environment = Some(p.into()),
+            |f, p| f.scene.classes = Some(p.into()),
+            |f, p| f.camera.aperture_image = Some(p.into()),
             |f, p| f.develop.lut.file = p.into(),
             |f, p| f.camera.calibration = Some(p.into()),
         ];
