@@ -77,18 +77,22 @@ pub(crate) fn field_or<T: Exact>(value: &Value, name: &str, source: &Source, or:
     if value.get(name).is_some() { field(value, name, source) } else { Ok(or) }
 }
 
-/// Writes and reads structures by their fields.
+/// Writes and reads structures by their fields; those of `or` are what stands there where a file, written before they were known, has none.
 macro_rules! exact_struct {
-    ($type:ty { $($field:ident),+ $(,)? }) => {
+    ($type:ty { $($field:ident),+ $(,)? } $( or { $($later:ident: $value:expr),+ } )?) => {
         impl crate::exact::Exact for $type {
             fn write(&self, sink: &mut crate::exact::Sink) -> serde_json::Value {
                 let mut object = serde_json::Map::new();
                 $( object.insert(stringify!($field).to_owned(), crate::exact::Exact::write(&self.$field, sink)); )+
+                $( $( object.insert(stringify!($later).to_owned(), crate::exact::Exact::write(&self.$later, sink)); )+ )?
                 serde_json::Value::Object(object)
             }
 
             fn read(value: &serde_json::Value, source: &crate::exact::Source) -> Result<Self, String> {
-                Ok(Self { $( $field: crate::exact::field(value, stringify!($field), source)? ),+ })
+                Ok(Self {
+                    $( $field: crate::exact::field(value, stringify!($field), source)?, )+
+                    $( $( $later: crate::exact::field_or(value, stringify!($later), source, $value)?, )+ )?
+                })
             }
         }
     };

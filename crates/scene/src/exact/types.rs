@@ -58,7 +58,7 @@ exact_enum!(Color { Constant { rgb, sigmoid }, Spectrum(measured), Textured { fa
 exact_struct!(Material { name, scattering, emission, normal_map, bump, coverage, interior });
 exact_enum!(Interior { Same, Body { medium, priority }, Sides(sides) });
 exact_enum!(FacetBounces { Compensated, Lost });
-exact_struct!(Conductor { n, k, alpha, across, bounces, tint });
+exact_struct!(Conductor { n, k, alpha, across, bounces } or { tint: None });
 exact_struct!(Hair { pigment, eta, beta_m, beta_n, alpha });
 exact_enum!(Pigment { Absorption(spectrum), AbsorptionMap(graph), Reflectance(color), Melanin { eumelanin, pheomelanin, spectra } });
 exact_enum!(Coverage { Full, Mask { alpha, cutoff }, Blend(alpha) });

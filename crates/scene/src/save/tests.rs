@@ -318,7 +318,7 @@ const KEYS: &str = "\
     pheomelanin picture pictures pigment place points position power primitives priority quad radiance radius rgb \
     roughness roughnessFactor scalars scale scattering scene scenes segments sensor sheen sides sight sigmoid size \
     spectra spectrum specular specularFactor specular_color sphere splats spot spread stop_mm table tangents target \
-    temperature texels texture texture_from_world thicknessFactor tinted transmission transmissionFactor two_sided type \
+    temperature texels texture texture_from_world thicknessFactor tint tinted transmission transmissionFactor two_sided type \
     unit uri uv_set value values variation version vertical_fov view volume way wide wispiness world_from_map \
     world_from_own wrap yfov znear";
 
