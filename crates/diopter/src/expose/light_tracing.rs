@@ -406,8 +406,15 @@ impl<'a> LightTracing<'a> {
             return;
         }
         let origin = camera.world_ray_of(exits.origin[lane], exits.direction[lane], time).origin;
-        let [radiance, direct] =
-            self.emitters.incident_radiance(&start.light_sample, start.point, origin, wavelengths, time as f32, &settings.path);
+        let [radiance, direct] = self.emitters.incident_radiance(
+            &start.light_sample,
+            start.point,
+            origin,
+            wavelengths,
+            time as f32,
+            &settings.path,
+            unit.immersion,
+        );
         let weighted = (radiance * wavelengths.weight).to_array();
         let joined = self.joined(unit, number, [mean(exits.density[lane]), start.density], time, seconds);
         let scale = (film.pixel_area_mm2 * M2_PER_MM2 * settings.light_scale * joined) as f32;

@@ -44,12 +44,12 @@ pub(super) fn beams(scene: &Scene, camera: &Camera, lens: &CompoundLens, respons
     let world_from_lens = camera.motion.at(time_s);
     let lens_from_world = world_from_lens.inverse();
     let point: Vec3 = world_from_lens.transform_point3(((front - pupil) * 1e-3).as_vec3());
-    let lights = scene.lights();
+    let (lights, immersion) = (scene.lights(), scene.immersion_at(point));
     let area = (0..lights.area.len() as u32).map(LightRef::Area);
     let punctual = (0..lights.punctual.len() as u32).map(LightRef::Punctual);
     let towards = |lamp: LightRef, u: [f32; 2]| {
         let nm = SampledWavelengths::fixed([450.0, 520.0, 590.0, 660.0]);
-        scene.incident(lamp, point, u, &nm, time_s as f32, 4)
+        scene.incident(lamp, point, u, &nm, time_s as f32, 4, immersion)
     };
     // A lamp with extent is cut into cells: large ones into more, where there are few lamps.
     let most = ((MOST_BEAMS as f64 / lights.area.len().max(1) as f64).sqrt() as usize).clamp(1, 8);
@@ -78,7 +78,8 @@ pub(super) fn beams(scene: &Scene, camera: &Camera, lens: &CompoundLens, respons
         for k in (0..steps).step_by(4) {
             let nm: [f32; 4] = std::array::from_fn(|c| FIRST_NM + STEP_NM * ((k + c) as f32 + 0.5));
             // Dark at these four, or hidden.
-            let Some(light) = scene.incident(*lamp, point, *u, &SampledWavelengths::fixed(nm), time_s as f32, 4) else {
+            let Some(light) = scene.incident(*lamp, point, *u, &SampledWavelengths::fixed(nm), time_s as f32, 4, immersion)
+            else {
                 continue;
             };
             for (nm, irradiance) in nm.into_iter().zip(light.irradiance.to_array()) {

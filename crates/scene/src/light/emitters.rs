@@ -9,7 +9,7 @@
 
 use super::{AreaLight, LightPoint, LightSample};
 use crate::material::Emission;
-use crate::medium_stack::MediumStack;
+use crate::medium_stack::Immersion;
 use crate::radiance::{DIRECT_EVENTS, PathSettings, stream_along};
 use crate::scene::{AreaLights, Object, Scene, Shape, area_lights};
 use crate::shape::Surface;
@@ -110,7 +110,7 @@ impl Emitters<'_> {
     }
 
     /// Spectral radiance that arrives along a light sample from `p` at `origin`, a point on the same line, at a time of the exposure: what it sends out, less what
-    /// is in the way; and what of it is direct light ([`RadianceAndDirect`](crate::radiance::record::RadianceAndDirect)), through one thin dielectric at most.
+    /// is in the way, from what `p` stands in; and what of it is direct light ([`RadianceAndDirect`](crate::radiance::record::RadianceAndDirect)), through one thin dielectric at most.
     #[allow(clippy::too_many_arguments)]
     pub fn incident_radiance(
         &self,
@@ -120,13 +120,13 @@ impl Emitters<'_> {
         wavelengths: &SampledWavelengths,
         time_s: f32,
         settings: &PathSettings,
+        Immersion(medium_stack): Immersion,
     ) -> [SampledSpectrum; 2] {
         let LightPoint::Area(number, place) = light_sample.spot else { return [SampledSpectrum::ZERO; 2] };
         let (scene, light) = (self.scene, &self.found.lights[number as usize]);
         let materials = &scene.description().materials;
         let sent = light.radiance(place, materials, wavelengths);
         let sent = sent * scene.modulation(&materials[light.material as usize], time_s);
-        let medium_stack = MediumStack::default();
         let stream = || stream_along(p, light_sample.wi);
         let most = settings.max_depth;
         let shadow_ray =
@@ -183,7 +183,8 @@ mod tests {
             for number in 0..2 {
                 let light_sample = emitters.sample_li(number, p, u, 0.0).unwrap();
                 let origin = p + light_sample.wi * 0.02;
-                let light = emitters.incident_radiance(&light_sample, p, origin, &wavelengths, 0.0, &settings)[0].x;
+                let light =
+                    emitters.incident_radiance(&light_sample, p, origin, &wavelengths, 0.0, &settings, Immersion::NONE)[0].x;
                 let end = p + light_sample.wi * light_sample.distance;
                 let density = emitters.density(number, p, light_sample.wi, end, 0.0);
                 assert!((density / light_sample.pdf - 1.0).abs() < 1e-3, "{density} {}", light_sample.pdf);
@@ -208,5 +209,29 @@ mod tests {
         }
         // Half of the ball is behind the card, nothing of the square.
         assert!((64..192).contains(&hidden[0]) && hidden[1] == 0, "{hidden:?}");
+    }
+
+    #[test]
+    fn light_loses_on_its_way_what_the_camera_stands_in() {
+        // A lamp of 20 cm in a ball of ink of 2 m, seen from its middle through 1 m of it.
+        let ink = crate::medium::Medium::fog(10.0, 0.0, 0.0);
+        let left = |ink: Option<crate::medium::Medium>| {
+            let interior = crate::material::Interior::Body { medium: ink.map(std::sync::Arc::new), priority: None };
+            let ball = Material { interior, ..Material::new("ink", Scattering::Interface) };
+            let quad = Quad { corner: Vec3::new(-0.1, -0.1, -1.0), edges: [Vec3::X * 0.2, Vec3::Y * 0.2] };
+            let objects = vec![
+                Object::new("lamp", Shape::Quad(quad), 0),
+                Object::new("ball", Shape::Sphere(Sphere { center: Vec3::ZERO, radius: 2.0 }), 1),
+            ];
+            let materials = vec![shining("lamp", 1.0, true), ball];
+            let scene = Scene::build(Description { objects, materials, ..Default::default() }).unwrap();
+            let (emitters, wavelengths) = (scene.emitters(2).unwrap(), SampledWavelengths::fixed([450.0, 520.0, 590.0, 660.0]));
+            let light_sample = emitters.sample_li(0, Vec3::ZERO, [0.5; 2], 0.0).unwrap();
+            let (settings, immersion) = (PathSettings::default(), scene.immersion_at(Vec3::ZERO));
+            emitters.incident_radiance(&light_sample, Vec3::ZERO, Vec3::ZERO, &wavelengths, 0.0, &settings, immersion)[0].x
+        };
+        // Fog of a visibility of 10 m: 3.912 / 10 m.
+        let (clear, dim) = (left(None), left(Some(ink)));
+        assert!(clear > 0.0 && (dim / clear / (-0.3912f32).exp() - 1.0).abs() < 1e-3, "{clear} {dim}");
     }
 }

@@ -2,7 +2,7 @@
 
 use super::to_light::stream_along;
 use crate::light::{LightPoint, LightRef, Modulation};
-use crate::medium_stack::MediumStack;
+use crate::medium_stack::Immersion;
 use crate::scene::Scene;
 use diopter_light::{SampledSpectrum, SampledWavelengths};
 use glam::Vec3;
@@ -21,8 +21,9 @@ pub struct Incident {
 }
 
 impl Scene {
-    /// Light of one lamp at a point in the open air, at a time of the exposure, by two numbers (0 to 1) that choose the place on the lamp: the mean over
+    /// Light of one lamp at a point in what it stands in, at a time of the exposure, by two numbers (0 to 1) that choose the place on the lamp: the mean over
     /// them is the lamp's irradiance. `None` where the lamp is hidden or does not shine that way. Light comes through up to `thin_dielectrics` thin dielectrics.
+    #[allow(clippy::too_many_arguments)]
     pub fn incident(
         &self,
         lamp: LightRef,
@@ -31,6 +32,7 @@ impl Scene {
         wavelengths: &SampledWavelengths,
         time_s: f32,
         thin_dielectrics: u32,
+        Immersion(medium_stack): Immersion,
     ) -> Option<Incident> {
         let light_sample = self.sample_li(lamp, point, u, time_s)?;
         let modulation = match light_sample.spot {
@@ -39,7 +41,7 @@ impl Scene {
             LightPoint::Environment(_) => Modulation::Steady,
         };
         let steady = self.steady_radiance(&light_sample, wavelengths, time_s) / light_sample.pdf;
-        let (medium_stack, stream) = (MediumStack::default(), || stream_along(point, light_sample.wi));
+        let stream = || stream_along(point, light_sample.wi);
         let irradiance = self.transmittance_to_light(
             steady,
             point,
