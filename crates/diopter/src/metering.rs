@@ -13,14 +13,17 @@
 
 use crate::camera::{Camera, Film};
 use crate::expose::{ExposeError, ProgressReporter, Response, Settings, expose, may_make_photons};
+use crate::from_light::{Channels, Place, focal_plane, of_plane};
+use crate::shot::ShotError;
 use crate::shutter::Shutter;
-use diopter_image::{ExposureFacts, FocalPlane, RawImage};
+use diopter_image::{ExposureFacts, FocalPlane, Raster, RawImage};
 use diopter_light::cie;
 use diopter_light::color::luminance;
 use diopter_light::spectrum::{Table, blackbody};
-use diopter_scene::Scene;
+use diopter_scene::light::Environment;
+use diopter_scene::{Description, Scene};
 use diopter_sensor::{Reading, Sensor, calibration, read_out};
-use glam::{DMat4, DVec4};
+use glam::{DMat4, DVec4, Vec3};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -129,6 +132,12 @@ fn probing(camera: &Camera) -> Camera {
     Camera { film, ..camera.clone() }
 }
 
+/// Most camera paths that the meter takes of a whole picture.
+pub(crate) fn paths(camera: &Camera) -> f64 {
+    let film = probing(camera).film;
+    (film.columns * film.rows) as f64 * f64::from(PROBE_SAMPLES)
+}
+
 /// A part of the picture as it is metered.
 struct Probe {
     camera: Camera,
@@ -190,6 +199,12 @@ fn probe(
     let quiet = ProgressReporter { cancel: watch.cancel, progress: &|_| () };
     // As if the scene stood still for a second: what it shows at this moment.
     expose(scene, camera, &Shutter::global(1.0), response, &settings, &ExposureFacts::default(), &quiet)
+}
+
+/// Nothing but a white sky of 1 cd/m².
+fn even_sky() -> Scene {
+    let environment = Some(Environment::uniform(Vec3::ONE));
+    Scene::build(Description { environment, ..Description::default() }).expect("a sky and nothing else")
 }
 
 /// Fraction of each of a camera's pixels (`[row][column]`) where there is something to see, by the chief ray of its middle: 0 in a void, 1
@@ -286,9 +301,46 @@ impl Meter<'_> {
         let scale = self.luminance_of_channels(camera, t_number);
         let mut plane = self.probe(scene, &probe, settings, &scale, watch)?;
         plane.mean.data.iter_mut().for_each(|v| *v *= self.filter as f32);
+        Ok(self.settle(plane, &probe, &scale, t_number, white))
+    }
+
+    /// The same by an exposure of the whole picture at hand, which records the radiance behind this lens and the filter in red, green and blue (`expose --radiance`): for scenes
+    /// that stand still and sensors that do not tell polarisation. The pattern is not [`Pattern::Spot`]. Fails as [`Meter::read`], and on a plane that does not hold radiance.
+    pub fn read_radiance(
+        &self,
+        plane: &FocalPlane,
+        scene: &Scene,
+        camera: &Camera,
+        settings: &Settings,
+        white: &Table,
+        watch: &ProgressReporter,
+    ) -> Result<Option<f64>, ShotError> {
+        let whole = Probe::whole(scene, camera);
+        let t_number = camera.lens.t_number();
+        let cells = [whole.camera.film.columns, whole.camera.film.rows];
+        let dark = vec![0.0; plane.bands.len()];
+        let of_cells = FocalPlane::even(plane.bands.clone(), &dark, cells, plane.facts.clone());
+        let of_cells = FocalPlane { mean: plane.mean.resampled(cells), ..of_cells };
+        let mut seen = of_plane(&of_cells, self.sensor, Some(1.0), Some(t_number))?;
+        // What lens and film leave of it at each cell: electrons of an even white sky, over those of a lossless lens on its axis.
+        let settings = Settings { light_scale: 1.0, polarizer: None, ..settings.clone() };
+        let samples = PROBE_SAMPLES / FIRST_OF;
+        let of_sky = probe(&even_sky(), &whole.camera, &settings, &Response::sensor(self.sensor), (0..samples, samples), watch)?;
+        let white_light = Raster { width: 1, height: 1, channels: 3, data: vec![1.0; 3] };
+        let on_axis = focal_plane(&white_light, &Channels::LinearSrgb, Place::Scene { t_number }, None, self.sensor, 1.0)?;
+        let channels = seen.mean.channels;
+        for (seen, sky) in seen.mean.data.chunks_exact_mut(channels).zip(of_sky.mean.data.chunks_exact(channels)) {
+            let arriving = sky.iter().zip(&on_axis.mean.data);
+            seen.iter_mut().zip(arriving).for_each(|(seen, (sky, on_axis))| *seen *= sky / on_axis);
+        }
+        Ok(self.settle(seen, &whole, &self.luminance_of_channels(camera, t_number), t_number, white))
+    }
+
+    /// Readings of what is seen in a second, each at the exposure that the last one asked for, until two agree. `None` in darkness.
+    fn settle(&self, mut plane: FocalPlane, probe: &Probe, scale: &[f64], t_number: f64, white: &Table) -> Option<f64> {
         let per_second = plane.mean.data.clone();
         let iso = self.reading.iso;
-        let Ok(step) = self.sensor.at_iso(iso) else { return Ok(None) };
+        let step = self.sensor.at_iso(iso).ok()?;
         let mut time = shutter_for(10.0, t_number, iso);
         let mut last = None;
         let mut brightest = Vec::new();
@@ -296,14 +348,14 @@ impl Meter<'_> {
             plane.mean.data.iter_mut().zip(&per_second).for_each(|(v, e)| *v = (f64::from(*e) * time) as f32);
             plane.facts.exposure_s = time;
             let reading = Reading { seed: self.reading.seed.wrapping_add(k << 32 | 0x3e7e5), ..self.reading.clone() };
-            let Ok(raw) = read_out(&plane, self.sensor, &reading, white) else { return Ok(None) };
-            let mut cells = Cells::new(&raw, &probe, &scale, step.gain_e_per_dn / time);
+            let raw = read_out(&plane, self.sensor, &reading, white).ok()?;
+            let mut cells = Cells::new(&raw, probe, scale, step.gain_e_per_dn / time);
             cells.remember(&mut brightest);
             let wanted = self.wanted_time(&cells, time, t_number);
             let Some(wanted) = wanted else {
                 // Nothing but noise: look longer.
                 if time >= LONGEST_S {
-                    return Ok(None);
+                    return None;
                 }
                 time *= MOST_CHANGE;
                 continue;
@@ -315,7 +367,7 @@ impl Meter<'_> {
             }
             time = wanted.clamp(time / MOST_CHANGE, time * MOST_CHANGE).min(LONGEST_S);
         }
-        Ok(last.map(|t| ev100_of_setting(t_number, t, iso)))
+        last.map(|t| ev100_of_setting(t_number, t, iso))
     }
 
     /// What is seen of as many samples as the pattern needs.

@@ -183,7 +183,7 @@ impl Scene {
     }
 
     /// Whether a lamp's light changes with time.
-    pub(crate) fn flickers(&self) -> bool {
+    pub fn flickers(&self) -> bool {
         self.flickers
     }
 

@@ -115,7 +115,7 @@ impl View {
     /// Whether some of a parallelogram may lie in the frame: not where all of it is beyond one of the frame's sides.
     fn may_see(&self, quad: &Quad) -> bool {
         let camera_from_world = self.world_from_camera.inverse();
-        let corners = [Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE].map(|p| camera_from_world.transform_point3(quad.point(p)));
+        let corners = quad.corners().map(|p| camera_from_world.transform_point3(p));
         let [x, y] = self.tan_half.map(|t| t * (1.0 + MARGIN));
         let beyond = |outside: &dyn Fn(Vec3) -> bool| corners.iter().all(|c| outside(*c));
         !(beyond(&|c| c.x > -x * c.z)
@@ -180,7 +180,7 @@ impl Studio {
     /// Key, fill and rim where they stand: above the floor and, where that can be, out of the frame.
     fn panels(&self) -> [(&'static Panel, Quad); 3] {
         let lowest = self.subject.min.y + 0.05 * self.radius();
-        let above = |quad: &Quad| [Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE].iter().all(|p| quad.point(*p).y > lowest);
+        let above = |quad: &Quad| quad.corners().iter().all(|p| p.y > lowest);
         [0, 1, 2].map(|i: usize| {
             let panel = &PANELS[i];
             let steps = ((HIGHEST_DEG - panel.elevation_deg) / RAISE_DEG) as usize;
@@ -326,8 +326,7 @@ mod tests {
         for studio in studios() {
             for (panel, quad) in studio.panels() {
                 assert!(!studio.view.may_see(&quad), "{} is seen from {}", panel.name, studio.view.eye());
-                let lowest =
-                    [Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE].map(|p| quad.point(p).y).into_iter().fold(f32::MAX, f32::min);
+                let lowest = quad.corners().map(|p| p.y).into_iter().fold(f32::MAX, f32::min);
                 assert!(lowest > studio.subject.min.y, "{}", panel.name);
                 // The key comes from the left of the picture, the fill from the right, the rim from behind.
                 let camera_from_world = studio.view.world_from_camera.inverse();

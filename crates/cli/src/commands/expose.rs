@@ -29,12 +29,23 @@ pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
     }
     let room = memory::room(&mut shot, args.taking.max_memory)?;
     watched("focusing", |w| shot.focus(w, &mut warn))?;
-    watched("metering", |w| shot.meter(w, &mut warn))?;
-    say_ambient(file.scene.ambient_ev, &shot.facts());
+    // The exposure itself tells what a meter would, where it does not depend on it.
+    let meters_by_exposure = matches!(room, Room::Memory) && shot.can_meter_by_exposure();
+    match meters_by_exposure {
+        true => watched("preparing", |w| shot.prepare_to_meter_by_exposure(w, &mut warn))?,
+        false => watched("metering", |w| shot.meter(w, &mut warn))?,
+    }
+    if !meters_by_exposure {
+        say_ambient(file.scene.ambient_ev, &shot.facts());
+    }
     let started = Instant::now();
     let (path, facts, size, bands, seconds, stopped) = match room {
         Room::Memory => {
-            let taken = checkpoint::expose(&shot, &args.taking, Some(&args.output), "exposing")?;
+            let mut taken = checkpoint::expose(&shot, &args.taking, Some(&args.output), "exposing")?;
+            if meters_by_exposure {
+                watched("metering", |w| shot.meter_by(&mut taken.exposed.plane, w, &mut warn))?;
+                say_ambient(file.scene.ambient_ev, &shot.facts());
+            }
             let plane = &taken.exposed.plane;
             let seconds = started.elapsed().as_secs_f64();
             let path = output::write_plane(output, plane)?;

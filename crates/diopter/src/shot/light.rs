@@ -6,10 +6,11 @@ use super::{DEFAULT_SEED, Shot, ShotError, lens_facts, long_time, wants_profile,
 use crate::camera_motion::CameraMotion;
 use crate::expose::ProgressReporter;
 use crate::flash::Flash;
-use crate::metering::Meter;
+use crate::metering::{Meter, Pattern};
 use crate::program::{Chosen, Limits, Mode};
 use crate::shutter::{Shutter, ShutterTimes};
 use crate::{metering, program};
+use diopter_image::{ExposureFacts, FocalPlane};
 use diopter_scene::light::Modulation;
 use std::sync::Arc;
 use std::time::Instant;
@@ -38,15 +39,67 @@ impl Shot {
         }
         self.find_light_scale(watch)?;
         let white = white_point(&self.reading.white)?;
-        let meter = Meter {
+        let metered = self.light_meter().read(&self.scene, &self.camera, &self.settings, &white, watch)?;
+        self.apply_meter_reading(metered, warn)
+    }
+
+    fn light_meter(&self) -> Meter<'_> {
+        Meter {
             sensor: &self.sensor,
             reading: &self.reading,
             pattern: self.exposing.pattern,
             at: self.exposing.at,
             filter: (-self.exposing.nd_stops).exp2(),
-        };
-        let metered = meter.read(&self.scene, &self.camera, &self.settings, &white, watch)?;
-        self.apply_meter_reading(metered, warn)
+        }
+    }
+
+    /// Whether the meter can be read off the exposure itself ([`Shot::meter_by`]): radiance of what stands still is the same whatever time it is exposed for, and here the camera chooses no aperture.
+    /// All samples must be taken at once, and be at least as many as the meter's: parts of an exposure are exposed alike.
+    pub fn can_meter_by_exposure(&self) -> bool {
+        let film = &self.camera.film;
+        let camera_paths = film.columns as f64 * film.rows as f64 * f64::from(self.settings.spp);
+        self.radiance
+            && self.spectral.is_none()
+            && self.exposing.mode == Mode::AperturePriority
+            && self.exposing.pattern != Pattern::Spot
+            && self.settings.is_whole()
+            && self.settings.time_limit_s.is_none()
+            && camera_paths >= metering::paths(&self.camera)
+            && !self.lens_cap
+            && !self.file.render.quick
+            && film.microlenses.is_none()
+            && !self.response().tells_polarization()
+            && !self.sensor.cfa.tells_polarization()
+            && self.settings.polarizer.is_none()
+            && self.timing.flash.is_none()
+            && self.timing.stands_still(&self.scene)
+            && self.stabiliser.is_none()
+    }
+
+    /// Makes the shot ready to be exposed before it is metered: [`Shot::can_meter_by_exposure`] must hold. Until [`Shot::meter_by`] the time is a second. Fails as [`Shot::meter`].
+    pub fn prepare_to_meter_by_exposure(
+        &mut self,
+        watch: &ProgressReporter,
+        warn: &mut dyn FnMut(&str),
+    ) -> Result<(), ShotError> {
+        self.find_light_scale(watch)?;
+        self.shutter = Some(1.0);
+        self.prepare_exposure(warn)
+    }
+
+    /// Meters by the exposure of a shot that [`Shot::prepare_to_meter_by_exposure`] made ready, settles what was left open, and writes it into the plane's facts. Fails as [`Shot::meter`].
+    pub fn meter_by(
+        &mut self,
+        plane: &mut FocalPlane,
+        watch: &ProgressReporter,
+        warn: &mut dyn FnMut(&str),
+    ) -> Result<(), ShotError> {
+        let white = white_point(&self.reading.white)?;
+        let metered = self.light_meter().read_radiance(plane, &self.scene, &self.camera, &self.settings, &white, watch)?;
+        self.apply_meter_reading(metered, warn)?;
+        let ExposureFacts { exposure_s, iso_set, metering, metered_ev100, shutter, .. } = self.plane_facts();
+        plane.facts = ExposureFacts { exposure_s, iso_set, metering, metered_ev100, shutter, ..plane.facts.clone() };
+        Ok(())
     }
 
     /// Whether the camera chooses an aperture, a time or an ISO speed by its meter.

@@ -225,6 +225,12 @@ impl Timing {
         }
     }
 
+    /// Whether nothing moves or flickers, however long the exposure is.
+    pub fn stands_still(&self, scene: &Scene) -> bool {
+        let camera_moves = !self.path.is_empty() || self.mounted.is_some() || self.shake.is_some();
+        !scene.flickers() && (self.frozen || !camera_moves && scene.description().animations.is_empty())
+    }
+
     /// Whether the camera shakes.
     pub fn shakes(&self) -> bool {
         self.shake.is_some() || self.mounted.as_ref().is_some_and(|mounted| mounted.path.shake().is_some())

@@ -13,7 +13,7 @@ use diopter::scene::shape::{Mesh, Quad, Sphere};
 use diopter::scene::texture::Color;
 use diopter::scene::{Description, Object, Scene, Shape, builtin, load};
 use diopter::sensor::{Reading, Sensor};
-use diopter::shot::read_environment;
+use diopter::shot::{Shot, read_environment};
 use diopter::{Camera, CameraMotion, Film, Response, Settings, Shutter, expose};
 use glam::{Affine3A, Mat3, Vec3};
 use std::path::Path;
@@ -339,5 +339,42 @@ fn the_reading_does_not_depend_on_the_samples_of_the_picture() {
         [(600, 128, 0..16), (600, 128, 16..128), (600, 1, 0..1), (600, 1 << 16, 0..1 << 16), (32, 2, 0..2)]
     {
         assert_eq!(read(size, spp, samples.clone()), whole, "{size} pixels, samples {samples:?} of {spp}");
+    }
+}
+
+#[test]
+fn an_exposure_of_radiance_tells_what_the_meter_reads() {
+    let stop = AtomicBool::new(false);
+    let watch = ProgressReporter { cancel: &stop, progress: &|_| () };
+    // Wide without a lens, where cos⁴ darkens the corners; a lens that vignettes, behind a filter; a colour cast, and speeds chosen by the camera.
+    for (what, sections) in [
+        ("pinhole", "[camera]\nlens = \"pinhole\"\nfocal_length = \"14mm\"\n"),
+        (
+            "lens",
+            "[scene]\nambient_ev = 9.0\n[camera]\nlens = \"double-gauss-50mm\"\n[exposure]\naperture = \"f/2\"\nnd = \"ND8\"\n",
+        ),
+        ("speeds", "[exposure]\niso = \"auto\"\nmetering = \"matrix\"\nmode = \"A\"\n"),
+    ] {
+        let text = format!("{sections}[render]\nspp = 16\nseed = 3\nsize = \"144x96\"\n");
+        let mut shot = Shot::prepare(&toml::from_str(&text).unwrap(), &mut |_| ()).unwrap();
+        assert!(!shot.can_meter_by_exposure(), "{what}: electrons depend on the time");
+        shot.radiance = true;
+        shot.meter(&watch, &mut |_| ()).unwrap();
+        let metered = shot.facts();
+        assert!(shot.can_meter_by_exposure(), "{what}");
+        shot.prepare_to_meter_by_exposure(&watch, &mut |_| ()).unwrap();
+        let mut plane = shot.expose(&watch).unwrap();
+        shot.meter_by(&mut plane, &watch, &mut |_| ()).unwrap();
+        // Two readings of some 1e5 paths each; spectra of three numbers instead of their own. (Noise that is clipped darkens a reading: that of the exposure, whose
+        // cells have more paths, is the brighter one, by 0.05 EV in the middle of this scene.)
+        let (found, expected) = (plane.facts.metered_ev100.unwrap(), metered.metered_ev100.unwrap());
+        assert!((found - expected).abs() < 0.04, "{what}: EV {found}, the meter reads {expected}");
+        let time = |facts: &ExposureFacts| facts.exposure_s * facts.iso_set.max(1.0) / facts.t_number.powi(2);
+        let expected = time(&ExposureFacts { iso_set: metered.iso, ..metered.clone() });
+        assert!((time(&plane.facts) / expected).log2().abs() < 0.05, "{what}: {:?}", plane.facts);
+        assert_eq!(plane.facts.exposure_s, shot.shutter.unwrap());
+        // A part of the samples is exposed as the whole is.
+        shot.settings.samples = 0..8;
+        assert!(!shot.can_meter_by_exposure());
     }
 }

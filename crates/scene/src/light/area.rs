@@ -81,7 +81,7 @@ impl AreaLight {
     pub fn reach(&self) -> f32 {
         match &self.shape {
             AreaShape::Triangle(q) => reach_of([q.corner, q.corner + q.edges[0], q.corner + q.edges[1]]),
-            AreaShape::Parallelogram(q) => reach_of([Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE].map(|p| q.point(p))),
+            AreaShape::Parallelogram(q) => reach_of(q.corners()),
             AreaShape::Sphere(s) => reach_of([s.center]) + s.radius,
         }
     }
@@ -96,9 +96,7 @@ impl AreaLight {
         let power = self.area * self.luminance * PI * if self.two_sided { 2.0 } else { 1.0 };
         let (bounds, axis, spread) = match &self.shape {
             AreaShape::Triangle(q) => (Bounds::around([q.corner, q.corner + q.edges[0], q.corner + q.edges[1]]), q.normal(), 0.0),
-            AreaShape::Parallelogram(q) => {
-                (Bounds::around([Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE].map(|p| q.point(p))), q.normal(), 0.0)
-            }
+            AreaShape::Parallelogram(q) => (Bounds::around(q.corners()), q.normal(), 0.0),
             AreaShape::Sphere(s) => (Bounds { min: s.center - s.radius, max: s.center + s.radius }, Vec3::Z, PI),
         };
         LightBounds::new(bounds, axis, spread, PI / 2.0, self.two_sided, power)

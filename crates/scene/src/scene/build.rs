@@ -94,7 +94,7 @@ impl Scene {
                     Shape::Sphere(s) => Bounds { min: s.center - s.radius, max: s.center + s.radius },
                     Shape::Quad(q) => {
                         // A flat box would be missed by rounding: give it a little depth.
-                        let b = Bounds::around([Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE].map(|p| q.point(p)));
+                        let b = Bounds::around(q.corners());
                         let pad = 1e-5 * b.size().max_element().max(b.max.abs().max(b.min.abs()).max_element());
                         Bounds { min: b.min - pad, max: b.max + pad }
                     }

@@ -132,7 +132,7 @@ impl Description {
                 self.splats.get(splats as usize).map_or(Bounds::EMPTY, |s| s.core_bounds()).placed(&place)
             }
             (Shape::Sphere(s), _) => Bounds { min: s.center - s.radius, max: s.center + s.radius },
-            (Shape::Quad(q), _) => Bounds::around([Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE].map(|p| q.point(p))),
+            (Shape::Quad(q), _) => Bounds::around(q.corners()),
         };
         self.objects.iter().filter(|o| counted(o)).fold(Bounds::EMPTY, |b, o| b.union(around(o)))
     }
@@ -182,9 +182,7 @@ impl Description {
                 (Shape::Sphere(s), _) => {
                     offer(&mut farthest, directions, directions.iter().map(|d| s.center + d.normalize_or_zero() * s.radius));
                 }
-                (Shape::Quad(q), _) => {
-                    offer(&mut farthest, directions, [Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE].into_iter().map(|p| q.point(p)))
-                }
+                (Shape::Quad(q), _) => offer(&mut farthest, directions, q.corners().into_iter()),
             }
         }
         farthest.into_iter().flatten().map(|(_, p)| p).collect()

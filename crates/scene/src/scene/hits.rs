@@ -197,8 +197,7 @@ impl Scene {
                 (s.center + n * s.radius, n, uv, derivatives, reach_of([s.center]) + s.radius)
             }
             Shape::Quad(q) => {
-                let corners = [Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE].map(|corner| q.point(corner));
-                (q.point(Vec2::new(hit.u, hit.v)), q.normal(), Vec2::new(hit.u, hit.v), q.edges, reach_of(corners))
+                (q.point(Vec2::new(hit.u, hit.v)), q.normal(), Vec2::new(hit.u, hit.v), q.edges, reach_of(q.corners()))
             }
             Shape::Mesh { .. } | Shape::Curves { .. } | Shape::Splats { .. } => {
                 unreachable!("meshes, curves and splats have hierarchies")

@@ -27,6 +27,11 @@ impl Quad {
         self.corner + self.edges[0] * p.x + self.edges[1] * p.y
     }
 
+    /// Its corners, at (0, 0), (1, 0), (0, 1) and (1, 1).
+    pub fn corners(&self) -> [Vec3; 4] {
+        [Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE].map(|p| self.point(p))
+    }
+
     /// Distance and (α, β) of the hit with 0 < t < `t_max`, in lengths of the direction: ray and plane, then both coordinates in 0..1.
     pub fn intersect(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Option<(f32, Vec2)> {
         let n = self.edges[0].cross(self.edges[1]);
