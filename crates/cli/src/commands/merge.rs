@@ -1,6 +1,6 @@
 //! `merge`: parts of an exposure into the whole, or an exposure series into one picture of more range.
 
-use super::{PlaneFile, print_json, read_raw};
+use super::{PlaneFile, count_of_pictures, named_once, print_json, read_raw};
 use crate::UsageError;
 use crate::args::Merge;
 use crate::output::{self, Format, Kind};
@@ -10,8 +10,6 @@ use diopter::develop::Recipe;
 use diopter::hdr;
 use diopter::image::RawImage;
 use diopter::image::focal_plane::{FocalPlaneSource, Merged};
-use std::collections::HashSet;
-use std::path::Path;
 
 /// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
@@ -46,20 +44,13 @@ pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
 
 fn series(args: &Merge, json: bool) -> anyhow::Result<()> {
     // A picture that counts twice would be taken for two whose noise differs.
-    let mut seen = HashSet::new();
-    for path in &args.parts {
-        if path != Path::new("-") && !seen.insert(path.canonicalize().unwrap_or_else(|_| path.clone())) {
-            return Err(
-                UsageError(anyhow!("{}: it is named twice; expected each picture of the series once", path.display())).into()
-            );
-        }
-    }
+    named_once(&args.parts)?;
     let outputs = output::prepare_pictures(&args.output)?;
     let raws: Vec<RawImage> = args.parts.iter().map(|p| read_raw(p)).collect::<anyhow::Result<_>>()?;
     let merged = hdr::merge(&raws).map_err(|e| UsageError(e.into()))?;
     let written = output::write_pictures(outputs, &merged, None, &Recipe::default(), None, Format::default())?;
     let range = hdr::extra_range_ev(&raws, &merged).map_or(String::new(), |ev| format!(", {ev:.1} EV more range than one"));
-    say(&format!("{} pictures{range}", raws.len()));
+    say(&format!("{}{range}", count_of_pictures(raws.len())));
     written.iter().for_each(|p| say(&format!("wrote {}", p.display())));
     if json {
         print_json(&serde_json::json!({ "files": written, "facts": merged.header.facts, "pictures": raws.len() }))?;

@@ -25,14 +25,16 @@ pub mod stack;
 pub mod viewfinder;
 pub mod why;
 
+use crate::UsageError;
 use crate::watch::warn;
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 use diopter::files::{self, Source};
 use diopter::image::exr::FocalPlaneStrips;
 use diopter::image::focal_plane::{Band, FocalPlaneSource};
 use diopter::image::truth::Recorded;
 use diopter::image::{ExposureFacts, FocalPlane, ImageError, RawImage, dng, exr};
-use std::path::Path;
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
 
 /// Opens a file or stream for reading, naming it in errors.
 fn open(path: &Path) -> anyhow::Result<Source> {
@@ -45,6 +47,24 @@ fn read_raw(path: &Path) -> anyhow::Result<RawImage> {
     let raw = dng::read(open(path)?).with_context(place)?;
     raw.header.warnings.iter().for_each(|w| warn(&format!("{}: {w}", path.display())));
     Ok(raw)
+}
+
+/// Fails where a picture is named twice.
+fn named_once(paths: &[PathBuf]) -> anyhow::Result<()> {
+    let mut seen = HashSet::new();
+    for path in paths.iter().filter(|path| path.as_os_str() != "-") {
+        if !seen.insert(path.canonicalize().unwrap_or_else(|_| path.clone())) {
+            return Err(
+                UsageError(anyhow!("{}: it is named twice; expected each picture of the series once", path.display())).into()
+            );
+        }
+    }
+    Ok(())
+}
+
+/// As in "1 picture", "3 pictures".
+fn count_of_pictures(count: usize) -> String {
+    format!("{count} picture{}", if count == 1 { "" } else { "s" })
 }
 
 fn read_plane(path: &Path) -> anyhow::Result<FocalPlane> {

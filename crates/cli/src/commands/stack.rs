@@ -1,6 +1,6 @@
 //! `stack`: a focus series into one picture that is sharp all over.
 
-use super::{print_json, read_raw};
+use super::{count_of_pictures, named_once, print_json, read_raw};
 use crate::args::Stack;
 use crate::output::{self, Kind, Output};
 use crate::watch::say;
@@ -16,6 +16,7 @@ use std::path::PathBuf;
 /// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &Stack, json: bool) -> anyhow::Result<()> {
     output::distinct(args.raw.iter().map(|p| p.as_path()), args.output.iter().map(|p| p.as_path()))?;
+    named_once(&args.raw)?;
     let outputs = prepare(&args.output)?;
     let kinds: Vec<Kind> = outputs.iter().map(|o| o.0).collect();
     effect::check(args.developing.typed(), &kinds)?;
@@ -24,7 +25,7 @@ pub fn run(args: &Stack, json: bool) -> anyhow::Result<()> {
     let lut = diopter::recipe_file::lut(&recipe)?;
     let raws: Vec<RawImage> = args.raw.iter().map(|p| read_raw(p)).collect::<anyhow::Result<_>>()?;
     let written = write(outputs, &raws, &[], &recipe, lut.as_ref())?;
-    say(&format!("{} pictures", raws.len()));
+    say(&count_of_pictures(raws.len()));
     written.iter().for_each(|p| say(&format!("wrote {}", p.display())));
     if json {
         print_json(&serde_json::json!({ "files": written, "pictures": raws.len() }))?;

@@ -922,6 +922,8 @@ fn focus_series_are_numbered_and_stacked() {
     assert_eq!(pixels(&f.path("all.png")), pixels(&f.path("again.png")));
     let (code, message) = f.fails(&["stack", raws[0], "-o", "one.png"]);
     assert!(code == 2 && message.contains("two pictures"), "{code} {message}");
+    let (code, message) = f.fails(&["stack", raws[0], raws[0], "-o", "one.png"]);
+    assert!(code == 2 && message.contains("named twice"), "{code} {message}");
 }
 
 #[test]

@@ -76,18 +76,27 @@ fn around(
     sums
 }
 
-/// The mean of the other colours at a pixel, and the fraction of them that is saturated.
+/// The mean of the other colours at a pixel, and the fraction of them that is saturated. A saturated colour is at least as bright as it reads, and taken for as bright as those of
+/// the others that are not: in white light whose blue is lost, too, green is as bright as red.
 fn opposed(sums: &[(f32, f32, f32); 4], own: usize, channels: usize) -> (f32, f32) {
-    let (mut root, mut n, mut saturated) = (0.0, 0.0f32, 0.0);
-    for (c, (sum, count, full)) in sums.iter().enumerate().take(channels) {
-        if c != own && *count > 0.0 {
-            root += sum / count;
-            saturated += full / count;
-            n += 1.0;
-        }
+    let others =
+        || (0..channels).filter(|c| *c != own && sums[*c].1 > 0.0).map(|c| (sums[c].0 / sums[c].1, sums[c].2 / sums[c].1));
+    let (mut kept, mut weights, mut saturated, mut n) = (0.0, 0.0f32, 0.0, 0.0f32);
+    for (root, full) in others() {
+        kept += (1.0 - full) * root;
+        weights += 1.0 - full;
+        saturated += full;
+        n += 1.0;
     }
-    let mean = root / n.max(1.0);
-    (mean * mean * mean, saturated / n.max(1.0))
+    let n = n.max(1.0);
+    let unsaturated = if weights > 0.0 { kept / weights } else { 0.0 };
+    let mean = others().map(|(root, full)| root + full * (unsaturated - root).max(0.0)).sum::<f32>() / n;
+    (mean * mean * mean, saturated / n)
+}
+
+/// How far towards white a saturated value goes where so much of the other colours is saturated: not where half of them tell what they saw, wholly where none does.
+fn towards_white(saturated: f32) -> f32 {
+    (2.0 * saturated - 1.0).max(0.0)
 }
 
 /// Clips or recovers saturated values of a mosaic, in place. `data`: `[row][column]` of `region`, 1 = saturation, balanced by `gains` (one a channel). The
@@ -120,7 +129,7 @@ pub fn apply(data: &mut [f32], region: Region, cfa: &Cfa, gains: &[f32], method:
             let sums = around(&from, w, i, r, |dx, dy| cfa.channel_beyond(px + dx, py + dy), &limits);
             let (mean, saturated) = opposed(&sums, own, limits.len());
             let guess = (mean + cast.0[own]).max(from[i]);
-            data[i] = guess + saturated * (white.max(guess) - guess);
+            data[i] = guess + towards_white(saturated) * (white.max(guess) - guess);
         }
     }
 }
@@ -223,6 +232,25 @@ mod tests {
         let mut clipped = black_level::take(&image, region, &gains, &[]);
         apply(&mut clipped, region, &cfa, &gains, HighlightMethod::Clip, None);
         assert!(clipped.iter().all(|v| *v <= 1.0));
+    }
+
+    #[test]
+    fn white_light_stays_white_until_no_channel_tells_how_bright_it_is() {
+        // Green saturates at 1, blue at 1.67, red at 2.
+        let neutral = [0.5, 1.0, 0.6];
+        let cfa = Cfa::parse("RG/GB").unwrap();
+        let light = |x: usize| 0.6 + 1.8 * x as f64 / 240.0;
+        let image = raw(240, 40, "RG/GB", |x, y| (1000.0 * neutral[cfa.channel_at(x, y)] * light(x)).min(1000.0));
+        let gains: Vec<f32> = neutral.iter().map(|n| 1.0 / *n as f32).collect();
+        let region = Region::whole(240, 40);
+        let mut data = black_level::take(&image, region, &gains, &[]);
+        apply(&mut data, region, &cfa, &gains, HighlightMethod::Recover, cast(&image, &gains).as_ref());
+        for x in 5..235 {
+            for y in 20..22 {
+                let (got, expected) = (f64::from(data[y * 240 + x]), light(x).min(2.0));
+                assert!((got / expected - 1.0).abs() < 0.04, "{x}, channel {}: {got} of {expected}", cfa.channel_at(x, y));
+            }
+        }
     }
 
     #[test]
