@@ -97,8 +97,10 @@ fn graded_petzval(system: &System, i: usize, n: &[f64]) -> f64 {
 /// First-order data. Places in mm along the axis from the first vertex; distances as CODE V prints them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstOrder {
-    /// Effective focal length.
+    /// Effective focal length: from the rear principal plane to the rear focal point, so that of a lens with glass or water before its image is [`FirstOrder::image_index`] over its power.
     pub efl: f64,
+    /// Index of what is between the last surface and the image.
+    pub image_index: f64,
     /// From the last vertex to the rear focal point.
     pub bfl: f64,
     /// From the first vertex to the front focal point (negative: in front of it).
@@ -154,11 +156,13 @@ impl FirstOrder {
         let n_last = n[system.surfaces.len()] * system.runs[system.surfaces.len()];
         let entrance_pupil_magnification = n_stop * stop_slope;
         let exit_pupil_magnification = n_stop * stop_slope / (n_last * cu);
+        let image_index = n[system.surfaces.len()].abs();
         FirstOrder {
             efl: efl * system.runs[system.surfaces.len()],
+            image_index,
             bfl,
             ffl,
-            front_principal_z: ffl + efl * system.runs[system.surfaces.len()],
+            front_principal_z: ffl + efl * system.runs[system.surfaces.len()] / image_index,
             rear_principal_z: last_z + bfl - efl,
             entrance_pupil_z,
             entrance_pupil_magnification,
@@ -172,6 +176,7 @@ impl FirstOrder {
     /// Of a lens without a base ray.
     const UNKNOWN: FirstOrder = FirstOrder {
         efl: f64::NAN,
+        image_index: f64::NAN,
         bfl: f64::NAN,
         ffl: f64::NAN,
         front_principal_z: f64::NAN,
@@ -183,6 +188,11 @@ impl FirstOrder {
         stop_radius: f64::NAN,
         petzval_sum: f64::NAN,
     };
+
+    /// From the front focal point to the front principal plane: one over the power. Image heights of distant objects are this times the tangent of their angle.
+    pub fn front_focal_length(&self) -> f64 {
+        self.efl / self.image_index
+    }
 
     /// Radius of the entrance pupil, mm.
     pub fn entrance_pupil_radius(&self) -> f64 {
@@ -263,11 +273,13 @@ fn parabasal(system: &System, n: &[f64]) -> Option<FirstOrder> {
     // What lies so far along the base ray behind the lens, and how far that is along z.
     let behind = |distance: f64| distance * along.z;
     let exit = (places.by_place + slopes.by_place * pupil) * stop.by_place.inverse();
+    let image_index = n[system.surfaces.len()].abs();
     Some(FirstOrder {
         efl,
+        image_index,
         bfl: base.position.z - last_z + behind(back),
         ffl: front,
-        front_principal_z: front + efl,
+        front_principal_z: front + efl / image_index,
         rear_principal_z: base.position.z + behind(back - efl),
         entrance_pupil_z: -mean(chief),
         entrance_pupil_magnification: 1.0 / size(stop.by_place),

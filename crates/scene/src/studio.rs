@@ -16,7 +16,7 @@ use crate::shape::{Mesh, Quad};
 use crate::texture::Color;
 use diopter_light::Spectrum;
 use diopter_light::cie::d65_one_nit;
-use glam::{Affine3A, Vec2, Vec3};
+use glam::{Affine3A, Vec3};
 use std::f32::consts::{FRAC_2_PI, FRAC_PI_2, PI};
 
 /// Albedo of the sweep: white things are brighter than it, dark ones darker.
@@ -262,6 +262,7 @@ impl Studio {
 mod tests {
     use super::*;
     use crate::Scene;
+    use glam::Vec2;
     use glam::{Mat3A, Vec3A};
 
     /// A camera at a place, looking at another.

@@ -202,6 +202,11 @@ impl Rig {
             Some(ev) => shot.apply_meter_reading(Some(ev), &mut told)?,
             None => shot.meter(watch, &mut told)?,
         }
+        let to_the_next_s = self.times_s.windows(2).map(|two| two[1] - two[0]).fold(f64::INFINITY, f64::min);
+        let open_s = shot.shutter().exposure_s;
+        if open_s > to_the_next_s * (1.0 + 1e-9) {
+            told(&format!("each frame is open for {open_s:.4} s, and the next begins after {to_the_next_s:.4} s: they overlap"));
+        }
         Ok(shot)
     }
 

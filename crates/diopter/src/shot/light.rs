@@ -54,17 +54,16 @@ impl Shot {
     }
 
     /// Whether the meter can be read off the exposure itself ([`Shot::meter_by`]): radiance of what stands still is the same whatever time it is exposed for, and here the camera chooses no aperture.
-    /// All samples must be taken at once, and be at least as many as the meter's: parts of an exposure are exposed alike.
+    /// All samples must be taken at once, and pixels and paths be at least as many as the meter's: parts of an exposure are exposed alike.
     pub fn can_meter_by_exposure(&self) -> bool {
         let film = &self.camera.film;
-        let camera_paths = film.columns as f64 * film.rows as f64 * f64::from(self.settings.spp);
         self.radiance
             && self.spectral.is_none()
             && self.exposing.mode == Mode::AperturePriority
             && self.exposing.pattern != Pattern::Spot
             && self.settings.is_whole()
             && self.settings.time_limit_s.is_none()
-            && camera_paths >= metering::paths(&self.camera)
+            && metering::is_enough(&self.camera, self.settings.spp)
             && !self.lens_cap
             && !self.file.render.quick
             && film.microlenses.is_none()

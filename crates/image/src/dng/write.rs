@@ -220,6 +220,8 @@ fn mosaic_fields(header: &RawHeader, [width, height]: [usize; 2], bits: u32) -> 
     let samples = cfa.samples_per_pixel();
     let width = width / samples;
     let number = |f: &crate::raw::Filter| FILTER_NUMBERS.iter().find(|n| n.0 == *f).map_or(0, |n| n.1);
+    // A pair for each plane of colour: one for a mosaic of polarisers, which DNG does not know.
+    let planes = if cfa.is_colorless() { header.noise.len().min(1) } else { header.noise.len() };
     let mut fields = vec![
         (tag::NEW_SUBFILE_TYPE, Field::long(0)),
         (tag::WIDTH, Field::long(width as u32)),
@@ -234,7 +236,7 @@ fn mosaic_fields(header: &RawHeader, [width, height]: [usize; 2], bits: u32) -> 
         (tag::CROP_ORIGIN, Field::Longs(vec![0, 0])),
         (tag::CROP_SIZE, Field::Longs(vec![width as u32, height as u32])),
         (tag::ACTIVE_AREA, Field::Longs(vec![0, 0, height as u32, width as u32])),
-        (tag::NOISE_PROFILE, Field::Doubles(header.noise.as_flattened().to_vec())),
+        (tag::NOISE_PROFILE, Field::Doubles(header.noise[..planes].as_flattened().to_vec())),
     ];
     // DNG has no mosaic of polarisers: the facts tell what one is.
     if cfa.is_colorless() || cfa.has_all_channels() {

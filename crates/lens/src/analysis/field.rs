@@ -207,11 +207,11 @@ impl Bench<'_> {
         let image_height = |mapped: f64| match self.object_distance {
             None => {
                 let out = self.system.film_z - self.system.last_z() - first.bfl;
-                first.efl * mapped + slope * out
+                first.front_focal_length() * mapped + slope * out
             }
             Some(d) => {
                 // By the magnification of the paraxial conjugate.
-                let m = first.efl / (d + first.ffl);
+                let m = first.front_focal_length() / (d + first.ffl);
                 let image_z = self.system.last_z() + first.bfl + first.efl * m * self.system.film_run();
                 // The object lies where the chief ray comes from, which aims at the pupil as this field sees it.
                 m * mapped * (d + beam.pupil.z) + slope * (self.system.film_z - image_z)
@@ -401,5 +401,20 @@ mod tests {
         // 60° off the axis f tan θ is 65 % more than f θ.
         let p = bench.field_point(60.0, D_NM).unwrap();
         assert!(p.equidistant_percent().abs() < 1.0 && p.distortion_percent() < -35.0, "{p:?}");
+    }
+
+    #[test]
+    fn images_within_glass_have_no_distortion_near_the_axis() {
+        // A single surface, R = 10, glass to the film at its focus: f' = 30, 1 / power 20. The stop is at the centre: chief rays go straight on.
+        let text = "name = \"ball\"\nsurfaces = [\n{ radius = 10, gap = 10, glass = \"1.5\", semi_diameter = 4 },\n\
+                    { stop = true, gap = 20, glass = \"1.5\", semi_diameter = 2 } ]";
+        let p = crate::prescription::read_toml(text, "ball").unwrap();
+        let system = System::at(&p, State::default());
+        let bench = Bench::at_infinity(&system);
+        let first = bench.first_order(D_NM);
+        assert!((first.efl - 30.0).abs() < 1e-9 && (first.front_focal_length() - 20.0).abs() < 1e-9, "{first:?}");
+        assert!((first.front_principal_z - 0.0).abs() < 1e-9, "{first:?}");
+        let point = bench.field_point(1.0, D_NM).unwrap();
+        assert!(point.distortion_percent().abs() < 0.05, "{point:?}");
     }
 }

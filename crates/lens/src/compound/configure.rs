@@ -276,6 +276,16 @@ pub fn nearest_focus(p: &Prescription, zoom: f64) -> Option<f64> {
     (p.has_focus_data() && behind > 0.0 && distance > 0.0).then_some(distance)
 }
 
+/// Where, along the light from the film on, the image of a plane lies that is not behind the last surface: infinitely far behind the film where the plane is nearer than
+/// the front focal point, and before it where a lens that is focused much nearer makes the image within itself.
+fn unreal_image(s: &System, focus: Focus) -> f64 {
+    let f = FirstOrder::of(s, &s.reference_indices());
+    match focus {
+        Focus::Distance(Millimeters(d)) if f.entrance_pupil_z - d >= f.ffl => f64::INFINITY,
+        _ => f64::NEG_INFINITY,
+    }
+}
+
 /// The system focused: gaps by the lens's focus data where it has any, the rest by moving the film.
 fn focused(
     p: &Prescription,
@@ -348,30 +358,28 @@ fn focused(
     let mut t = 0.0;
     if p.has_focus_data() && focus != Focus::Infinity {
         // The film stays; the groups move until it lies in the best plane.
-        let value = |t: f64| offset(&at(t)).map(|o| o.0);
-        let far = value(0.0).ok_or_else(no_image)?;
+        let value = |t: f64| {
+            let s = at(t);
+            offset(&s).map_or_else(|| unreal_image(&s, focus), |o| o.0)
+        };
+        let far = value(0.0);
         // The end of the scale is itself a best plane of a distance; a little beyond it is allowed.
         const END: f64 = 1.02;
-        match value(END) {
-            Some(near) if far > 0.0 && near > 0.0 => {
-                return Err(impossible(match nearest_focus(p, zoom) {
-                    Some(nearest) => format!("{nearest:.0} mm from the entrance pupil or more: the lens focuses no nearer"),
-                    None => "a distance that the lens focuses to".into(),
-                }));
+        let near = value(END);
+        if far > 0.0 && near > 0.0 {
+            return Err(impossible(match nearest_focus(p, zoom) {
+                Some(nearest) => format!("{nearest:.0} mm from the entrance pupil or more: the lens focuses no nearer"),
+                None => "a distance that the lens focuses to".into(),
+            }));
+        }
+        // Otherwise beyond infinity by the rounding of the figures: there the scale ends.
+        if (far > 0.0) != (near > 0.0) {
+            let (mut low, mut high) = (0.0, END);
+            for _ in 0..40 {
+                let mid = 0.5 * (low + high);
+                if (value(mid) > 0.0) == (far > 0.0) { low = mid } else { high = mid }
             }
-            Some(near) if (far > 0.0) != (near > 0.0) => {
-                let (mut low, mut high) = (0.0, END);
-                for _ in 0..40 {
-                    let mid = 0.5 * (low + high);
-                    match value(mid) {
-                        Some(v) if (v > 0.0) == (far > 0.0) => low = mid,
-                        _ => high = mid,
-                    }
-                }
-                t = 0.5 * (low + high);
-            }
-            // Beyond infinity by the rounding of the figures.
-            _ => t = 0.0,
+            t = 0.5 * (low + high);
         }
     }
     let mut system = at(t);
@@ -521,5 +529,39 @@ mod focus_tests {
             // It keeps to that when it is set otherwise.
             assert_eq!(draft.refocused(Focus::Extension(Millimeters(1.0))).unwrap().detail, PupilDetail::Draft);
         }
+    }
+
+    /// Where the film stands, the focal length, and the magnification, of a lens focused at a distance (mm).
+    fn focused_at(name: &str, distance: f64) -> Result<(f64, f64, f64), LensError> {
+        let p = embedded(name).unwrap();
+        let set = configure(&p, None, None, None, FilmPlace::Focused(Focus::at_mm(distance)))?;
+        let f = FirstOrder::of(&set.system, &set.system.reference_indices());
+        Ok((set.system.film_z, f.efl, f.front_focal_length() / (distance - f.entrance_pupil_z + f.ffl)))
+    }
+
+    #[test]
+    fn groups_focus_also_where_the_nearest_setting_has_no_real_image_of_what_is_far() {
+        // At their near ends the macro lens makes the image of far things within itself, and the far end of the mirror lens none of near things.
+        for name in ["macro-100mm-f2.8", "reflex-500mm-f8"] {
+            let p = embedded(name).unwrap();
+            let film = System::at(&p, State { zoom: 0.0, focus: 0.0 }).film_z;
+            let nearest = nearest_focus(&p, 0.0).unwrap();
+            let mut last = f64::INFINITY;
+            for times in [1.0, 1.2, 1.7, 2.5, 4.0, 10.0] {
+                let (film_z, _, magnification) =
+                    focused_at(name, times * nearest).unwrap_or_else(|e| panic!("{name} {times}: {e}"));
+                assert!(
+                    (film_z - film).abs() < 0.5,
+                    "{name} at {times} times {nearest:.0} mm: film at {film_z}, published {film}"
+                );
+                assert!(magnification > 0.0 && magnification < last, "{name} {times}: {magnification} after {last}");
+                last = magnification;
+            }
+            let e = focused_at(name, 0.7 * nearest).unwrap_err().to_string();
+            assert!(e.contains("focuses no nearer"), "{name}: {e}");
+        }
+        let (_, efl, magnification) =
+            focused_at("macro-100mm-f2.8", nearest_focus(&embedded("macro-100mm-f2.8").unwrap(), 0.0).unwrap()).unwrap();
+        assert!(efl < 50.0 && magnification > 1.0, "its focal length shrinks as it goes beyond life size: {efl} {magnification}");
     }
 }

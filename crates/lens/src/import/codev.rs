@@ -131,12 +131,13 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         let words = words(&command);
         let Some(first) = words.first() else { continue };
         let rest = &words[1..];
-        let at_surface = rows.len();
+        let whole_key = first.to_uppercase();
+        let surface_row = whole_key == "S" || (whole_key.len() > 1 && surface_number(&whole_key).is_some());
+        let at_surface = rows.len() + usize::from(surface_row && !in_private);
         let wrong = |what: String| {
             let e = PrescriptionError::at(file, number, what);
             if at_surface > 0 { e.surface(at_surface) } else { e }
         };
-        let whole_key = first.to_uppercase();
         if in_private {
             match whole_key.as_str() {
                 "END" => in_private = false,
@@ -156,7 +157,6 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
             }
             continue;
         }
-        let surface_row = whole_key == "S" || (whole_key.len() > 1 && surface_number(&whole_key).is_some());
         let key: String = if surface_row { "S".into() } else { whole_key.chars().take(3).collect() };
         let number_of = |w: &str, what: &str| {
             distance(w).filter(|v| v.is_finite()).ok_or_else(|| wrong(format!("{what} \"{w}\": expected a number")))
@@ -307,6 +307,10 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 let value = distance(word).ok_or_else(|| wrong(format!("THI \"{word}\": expected a number")))?;
                 note_gap(&mut configurations, target, zoom_of(rest).unwrap_or(1) - 1, value).map_err(&wrong)?;
             }
+            "PIM" => note(
+                &mut p,
+                "the solve PIM (the image at the paraxial focus) is left out: the figure that the file has there stands",
+            ),
             other if HARMLESS.contains(&other) => {}
             other => {
                 if let Some(zoom) = zoom_of(rest).filter(|z| *z > 1) {
@@ -716,11 +720,14 @@ fn glass(name: &str, private: &HashMap<String, PrivateGlass>, private_nm: &[f64]
     }
     let coded = |digits: &str| {
         // With a colon either side may be written out.
-        let (n, v) = digits.split_once(':').or_else(|| digits.split_once('.'))?;
-        let whole = |t: &str| (t.len() >= 3 && t.chars().all(|c| c.is_ascii_digit())).then(|| t.parse::<f64>().ok()).flatten();
+        let colon = digits.split_once(':');
+        let (n, v) = colon.or_else(|| digits.split_once('.'))?;
+        let whole = |t: &str, least: usize| {
+            (t.len() >= least && t.chars().all(|c| c.is_ascii_digit())).then(|| t.parse::<f64>().ok()).flatten()
+        };
         let figure = |t: &str| t.contains('.').then(|| t.parse::<f64>().ok()).flatten();
-        let nd = figure(n).or_else(|| Some(1.0 + whole(n)? / 10f64.powi(n.len() as i32)))?;
-        let vd = figure(v).or_else(|| Some(whole(v)? / 10f64.powi(v.len() as i32 - 2)))?;
+        let nd = figure(n).or_else(|| Some(1.0 + whole(n, 3)? / 10f64.powi(n.len() as i32)))?;
+        let vd = figure(v).or_else(|| Some(whole(v, if colon.is_some() { 2 } else { 3 })? / 10f64.powi(v.len() as i32 - 2)))?;
         Some((nd, vd))
     };
     // "1.5168" is an index, not nd 1.1 and Vd 51.68. Six digits are a code without its point.

@@ -426,9 +426,9 @@ impl Assessment {
     fn distortion(&self, field_deg: f64, chief: &TracedFilmPoint, tracer: &Tracer, first: &FirstOrder, boresight: DVec2) -> f64 {
         let (system, tan) = (&tracer.system, field_deg.to_radians().tan());
         let ideal = match self.object_distance {
-            None => first.efl * tan + chief.slope.y * (system.film_z - system.last_z() - first.bfl),
+            None => first.front_focal_length() * tan + chief.slope.y * (system.film_z - system.last_z() - first.bfl),
             Some(d) => {
-                let m = first.efl / (d + first.ffl);
+                let m = first.front_focal_length() / (d + first.ffl);
                 let image_z = system.last_z() + first.bfl + first.efl * m * system.film_run();
                 m * tan * (d + first.entrance_pupil_z) + chief.slope.y * (system.film_z - image_z)
             }

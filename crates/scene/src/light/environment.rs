@@ -54,7 +54,7 @@ pub struct RayleighSky {
 pub(crate) struct LinearlyPolarized {
     /// Along what its field oscillates.
     pub axis: Vec3,
-    /// Direction towards where it comes from.
+    /// Direction of the light: angles count about it.
     pub along: Vec3,
     /// Degree of polarisation.
     pub degree: f32,
@@ -144,7 +144,7 @@ impl Environment {
     pub(crate) fn polarization(&self, direction: Vec3) -> Option<LinearlyPolarized> {
         let sky = self.sky?;
         let axis = sky.sun.cross(direction).try_normalize()?;
-        Some(LinearlyPolarized { axis, along: direction, degree: sky.degree(direction) }).filter(|p| p.degree > 0.0)
+        Some(LinearlyPolarized { axis, along: -direction, degree: sky.degree(direction) }).filter(|p| p.degree > 0.0)
     }
 
     /// Pixels of the map that were given with a number that is negative or not finite, which counts as 0.

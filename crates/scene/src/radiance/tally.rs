@@ -282,7 +282,6 @@ impl Tally for Polarized {
     fn add_polarized(&mut self, light: SampledSpectrum, _: u32, source: impl FnOnce() -> Option<LinearlyPolarized>) {
         let source = source();
         let (matrices, axis) = (self.matrices, self.axis);
-        // Perpendicular to both axes is the ray; its sign does not matter to light that is polarised linearly.
         let k = source.map_or(Vec3::Z, |s| s.along);
         self.sum(light, &matrices, axis, k, source);
     }

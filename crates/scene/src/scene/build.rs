@@ -17,7 +17,6 @@ use crate::motion::Motion;
 use crate::shape::Mesh;
 use crate::shape::curves::CurvePieces;
 use crate::shape::splats::SplatBoxes;
-use glam::Vec2;
 use std::sync::Arc;
 
 impl Scene {

@@ -7,7 +7,7 @@ use crate::medium::Air;
 use crate::motion::{Animation, AnimationPlayback, Deformer, Motion, Node, Timeline};
 use crate::shape::{Curves, Mesh, Quad, Sphere, Splats};
 use crate::texture::Scalar;
-use glam::{Affine3A, Vec2, Vec3};
+use glam::{Affine3A, Vec3};
 use std::sync::Arc;
 
 /// Everything a file or a program says about a scene.

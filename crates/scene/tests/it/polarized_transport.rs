@@ -169,6 +169,18 @@ fn the_sky_is_polarised_by_four_fifths_at_right_angles_to_the_sun() {
         // A polariser turned against it leaves (1 − P) / (1 + P) of what one turned with it does.
         assert!(((stokes.x - stokes.y) / (stokes.x + stokes.y) - (1.0 - expected) / (1.0 + expected)).abs() < 1e-4);
     }
+    // Seen in an axis turned by 25° about the light, and so through a mirror at a slant: the angle has its sign.
+    let turned = |stokes: Vec4, axis: Vec3, truth: Vec3, k: Vec3| {
+        let angle = k.cross(axis).dot(truth).atan2(axis.dot(truth));
+        let length = stokes.y.hypot(stokes.z);
+        assert!((stokes.y - length * (2.0 * angle).cos()).abs() < 1e-3 * length, "{stokes} {angle}");
+        assert!((stokes.z - length * (2.0 * angle).sin()).abs() < 1e-3 * length, "{stokes} {angle}");
+    };
+    let direction = Vec3::new(0.5, 0.7, 0.2).normalize();
+    let across = towards.cross(direction).normalize();
+    let (sin, cos) = 25f32.to_radians().sin_cos();
+    let axis = across * cos + (-direction).cross(across) * sin;
+    turned(mean(&scene, Vec3::ZERO, direction, axis, 4), axis, across, -direction);
     // The ground is not.
     let stokes = mean(&scene, Vec3::ZERO, Vec3::new(0.3, -0.5, 0.1), Vec3::Y, 4);
     assert!(stokes.x > 0.0 && stokes.y == 0.0 && stokes.z == 0.0);

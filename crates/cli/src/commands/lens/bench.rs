@@ -82,6 +82,16 @@ impl Table {
         if let Some(asked) = aperture.filter(|a| set.f_number > a * 1.005) {
             say(&format!("note: fully open it is f/{:.2}, which is what f/{asked} stands for", set.f_number));
         }
+        // What a sheet says of itself, held against its surfaces.
+        if prescription.zoom.len() < 2 {
+            let differs = |stated: f64, found: f64| !(0.9..=1.1).contains(&(found / stated));
+            if let Some(stated) = prescription.f_number.filter(|stated| set.widest > 1.1 * stated) {
+                say(&format!("note: stated is f/{stated}; its rims let f/{:.2} through", set.widest));
+            }
+            if let Some(stated) = prescription.focal_length.filter(|stated| differs(*stated, set.efl)) {
+                say(&format!("note: stated are {stated} mm; the focal length of its surfaces is {:.2} mm", set.efl));
+            }
+        }
         let wavelengths = match &asked.wavelength {
             Some(list) => list.0.clone(),
             None if !prescription.usage.wavelengths_nm.is_empty() => prescription.usage.wavelengths_nm.clone(),
@@ -99,10 +109,11 @@ impl Table {
             None if !prescription.usage.wavelengths_nm.is_empty() => wavelengths[prescription.usage.reference],
             _ => wavelengths[wavelengths.len() / 2],
         };
-        let n = set.system.indices(reference);
-        if n.iter().any(|n| !n.is_finite()) {
-            return Err(UsageError(anyhow!("wavelength {reference} nm: a glass of this lens has no index there")).into());
+        let asked_for: &[f64] = if asked.wavelength.is_some() { &wavelengths } else { &[reference] };
+        if let Some(nm) = asked_for.iter().find(|nm| set.system.indices(**nm).iter().any(|n| !n.is_finite())) {
+            return Err(UsageError(anyhow!("wavelength {nm} nm: a glass of this lens has no index there")).into());
         }
+        let n = set.system.indices(reference);
         let object_distance = match focus {
             Some(Focus::Distance(d)) => Some(d.0 - FirstOrder::of(&set.system, &n).entrance_pupil_z),
             Some(Focus::Infinity | Focus::Extension(_)) => None,

@@ -142,8 +142,10 @@ fn table(r: &FitReport, output: Option<&Path>) -> anyhow::Result<String> {
             row.residual
         )?;
     }
-    let lens = output.map_or("fitted.toml".to_owned(), |p| p.display().to_string());
-    writeln!(t, "  photograph with it: diopter shoot SCENE --lens {lens} {}", flags(r))?;
+    match output {
+        Some(lens) => writeln!(t, "  photograph with it: diopter shoot SCENE --lens {} {}", lens.display(), flags(r))?,
+        None => writeln!(t, "  write it with -o LENS.toml to photograph with it ({})", flags(r))?,
+    }
     if let Some(note) = film_note(r) {
         writeln!(t, "  {note}")?;
     }

@@ -51,7 +51,7 @@ impl Info {
         }
         // As bright on the axis as a lossless, unobstructed lens of this f-number: everything that takes light counts.
         let t_number = (std::f64::consts::PI / (4.0 * axis.with_losses)).sqrt();
-        let magnification = table.object_distance.map_or(0.0, |d| -f.efl / (d + f.ffl));
+        let magnification = table.object_distance.map_or(0.0, |d| -f.front_focal_length() / (d + f.ffl));
         let working = (std::f64::consts::PI / (4.0 * axis.geometric)).sqrt();
         let measured = bench.measured_focal_length(table.reference);
         let glasses: Vec<String> =
@@ -68,7 +68,7 @@ impl Info {
             return print_json(&json!({
                 "name": p.name, "patent": p.patent, "source": p.source, "notes": p.notes, "wavelength_nm": table.reference,
                 "surfaces": p.surfaces.len(), "stop": p.stop() + 1, "zoom": p.zoom, "zoom_position": (!p.zoom.is_empty()).then_some(table.set.state.zoom + 1.0), "close_focus_mm": p.close_focus,
-                "effective_focal_length_mm": f.efl, "measured_focal_length_mm": measured,
+                "effective_focal_length_mm": f.efl, "image_index": f.image_index, "measured_focal_length_mm": measured,
                 "back_focal_length_mm": f.bfl, "front_focal_length_mm": f.ffl,
                 "front_principal_z_mm": f.front_principal_z, "rear_principal_z_mm": f.rear_principal_z,
                 "entrance_pupil_z_mm": f.entrance_pupil_z, "entrance_pupil_diameter_mm": 2.0 * f.entrance_pupil_radius(),
@@ -96,6 +96,15 @@ impl Info {
             f.efl,
             measured.map_or(String::new(), |m| format!(", {m:.4} mm by parallel rays at 0.2°"))
         )?;
+        // Of glass or water before the image.
+        if (f.image_index - 1.0).abs() > 1e-3 {
+            writeln!(
+                t,
+                "  image space       index {:.4}: 1 / power is {:.4} mm, and image heights are that times tan θ",
+                f.image_index,
+                f.front_focal_length()
+            )?;
+        }
         writeln!(t, "  back, front       {:.4} mm, {:.4} mm", f.bfl, f.ffl)?;
         writeln!(t, "  principal planes  z {:.4} and {:.4} mm", f.front_principal_z, f.rear_principal_z)?;
         writeln!(t, "  entrance pupil    z {:.4} mm, diameter {:.4} mm", f.entrance_pupil_z, 2.0 * f.entrance_pupil_radius())?;

@@ -76,7 +76,11 @@ impl<'a> World<'a> {
                 _ => (),
             }
         }
-        let is_body = |material: &Material| matches!(material.interior, Interior::Body { medium: Some(_), .. });
+        let is_body = |material: &Material| match &material.interior {
+            Interior::Body { medium, .. } => medium.is_some(),
+            Interior::Sides(sides) => sides.iter().any(Option::is_some),
+            _ => false,
+        };
         if self.context.has_sensor_in_medium && !self.context.description.materials.iter().any(is_body) {
             self.context.skip_unsupported("the medium around a sensor, which no shape bounds");
         }
