@@ -127,25 +127,18 @@ pub fn ev100_of_setting(f_number: f64, exposure_s: f64, iso: f64) -> f64 {
     (f_number * f_number / exposure_s * 100.0 / iso).log2()
 }
 
-/// The camera with the few large pixels by which it is metered: so many across.
-fn probing(camera: &Camera, columns: usize) -> Camera {
-    let rows = (columns * camera.film.rows).div_ceil(camera.film.columns).clamp(LEAST_ROWS, 4 * columns);
-    let film = Film { columns, rows, microlenses: None, ..camera.film };
+/// The camera with the few large pixels by which it is metered.
+fn probing(camera: &Camera) -> Camera {
+    let rows = (PROBE_COLUMNS * camera.film.rows).div_ceil(camera.film.columns).clamp(LEAST_ROWS, 4 * PROBE_COLUMNS);
+    let film = Film { columns: PROBE_COLUMNS, rows, microlenses: None, ..camera.film };
     Camera { film, ..camera.clone() }
-}
-
-/// Pixels across of the meter by an exposure of a picture: as many as the meter's or up to twice that, so that each holds whole pixels of the picture, or
-/// nearly; smaller parts of pixels would mix lamps that are full with what is beside them. `None` of pictures that have fewer.
-fn cells_across(columns: usize) -> Option<usize> {
-    let each = columns / PROBE_COLUMNS;
-    (each > 0).then(|| columns / each)
 }
 
 /// Whether an exposure of a camera's picture with so many samples a pixel holds what a meter wants to know: at least its pixels and its paths.
 pub(crate) fn is_enough(camera: &Camera, spp: u32) -> bool {
-    let [film, probe] = [&camera.film, &probing(camera, PROBE_COLUMNS).film];
+    let [film, probe] = [&camera.film, &probing(camera).film];
     let paths = |film: &Film, spp: u32| film.columns as f64 * film.rows as f64 * f64::from(spp);
-    cells_across(film.columns).is_some() && film.rows >= LEAST_ROWS && paths(film, spp) >= paths(probe, PROBE_SAMPLES)
+    film.columns >= PROBE_COLUMNS && film.rows >= LEAST_ROWS && paths(film, spp) >= paths(probe, PROBE_SAMPLES)
 }
 
 /// A part of the picture as it is metered.
@@ -160,9 +153,9 @@ struct Probe {
 }
 
 impl Probe {
-    /// The whole picture, of so many pixels across.
-    fn whole(scene: &Scene, camera: &Camera, columns: usize) -> Probe {
-        let camera = probing(camera, columns);
+    /// The whole picture.
+    fn whole(scene: &Scene, camera: &Camera) -> Probe {
+        let camera = probing(camera);
         Probe { piece: [0.0, 0.0, 1.0, 1.0], samples: PROBE_SAMPLES, seen: seen(scene, &camera), camera }
     }
 
@@ -241,7 +234,7 @@ const LIT: f64 = 0.1;
 /// Mean luminance of the scene as framed, cd/m²: what a scene without a scale is scaled by, not what a camera meters. Only what the lens shows
 /// counts, not the dark beyond its image circle and not a void. 0 where it shows nothing. Fails when cancelled.
 pub fn mean_luminance(scene: &Scene, camera: &Camera, settings: &Settings, watch: &ProgressReporter) -> Result<f64, ExposeError> {
-    let camera = probing(camera, PROBE_COLUMNS);
+    let camera = probing(camera);
     // Of the scene, not of what a polariser leaves of it.
     let settings = Settings { polarizer: None, ..settings.clone() };
     let plane = probe(scene, &camera, &settings, &Response::luminance(), (0..PROBE_SAMPLES, PROBE_SAMPLES), watch)?.mean;
@@ -301,7 +294,7 @@ impl Meter<'_> {
         white: &Table,
         watch: &ProgressReporter,
     ) -> Result<Option<f64>, ExposeError> {
-        let mut probe = Probe::whole(scene, camera, PROBE_COLUMNS);
+        let mut probe = Probe::whole(scene, camera);
         if self.pattern == Pattern::Spot
             && let Some(spot) = probe.spot(scene, self.at)
         {
@@ -325,12 +318,12 @@ impl Meter<'_> {
         white: &Table,
         watch: &ProgressReporter,
     ) -> Result<Option<f64>, ShotError> {
-        let whole = Probe::whole(scene, camera, cells_across(camera.film.columns).unwrap_or(PROBE_COLUMNS));
+        let whole = Probe::whole(scene, camera);
         let t_number = camera.lens.t_number();
         let cells = [whole.camera.film.columns, whole.camera.film.rows];
         let dark = vec![0.0; plane.bands.len()];
         let of_cells = FocalPlane::even(plane.bands.clone(), &dark, cells, plane.facts.clone());
-        let of_cells = FocalPlane { mean: plane.mean.resampled(cells), ..of_cells };
+        let of_cells = FocalPlane { mean: plane.mean.gathered(cells), ..of_cells };
         let mut seen = of_plane(&of_cells, self.sensor, Some(1.0), Some(t_number))?;
         // What lens and film leave of it at each cell: electrons of an even white sky, over those of a lossless lens on its axis.
         let settings = Settings { light_scale: 1.0, polarizer: None, ..settings.clone() };

@@ -102,37 +102,23 @@ impl Raster<f32> {
         to
     }
 
-    /// The same over another number of pixels: means over the area that each covers, so that the mean of all is kept. Of no pixels nothing is left.
-    pub fn resampled(&self, [columns, rows]: [usize; 2]) -> Self {
-        let across = overlaps(self.width, columns);
-        let down = overlaps(self.height, rows);
+    /// Fewer pixels: means of those whose middles lie in each of so many equal parts of it. Whole pixels alone: edges stay as sharp as they are. Parts without any are 0.
+    pub fn gathered(&self, [columns, rows]: [usize; 2]) -> Self {
         let mut to = Raster::new(columns, rows, self.channels);
-        if self.data.is_empty() {
-            return to;
-        }
-        for (row, rows) in down.iter().enumerate() {
-            for (column, columns) in across.iter().enumerate() {
-                let mean = to.pixel_mut(column, row);
-                for (y, high) in rows {
-                    for (x, wide) in columns {
-                        mean.iter_mut().zip(self.pixel(*x, *y)).for_each(|(m, v)| *m += high * wide * v);
-                    }
-                }
+        let mut counts = vec![0.0f32; columns * rows];
+        let part = |k: usize, from: usize, parts: usize| (2 * k + 1) * parts / (2 * from);
+        for row in 0..self.height {
+            for column in 0..self.width {
+                let (x, y) = (part(column, self.width, columns), part(row, self.height, rows));
+                to.pixel_mut(x, y).iter_mut().zip(self.pixel(column, row)).for_each(|(sum, v)| *sum += v);
+                counts[y * columns + x] += 1.0;
             }
+        }
+        for (pixel, count) in to.data.chunks_mut(self.channels.max(1)).zip(counts) {
+            pixel.iter_mut().for_each(|sum| *sum /= count.max(1.0));
         }
         to
     }
-}
-
-/// Which of `from` equal parts of a length each of `to` equal parts of it covers, and with how much of itself.
-fn overlaps(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
-    let scale = from as f64 / to.max(1) as f64;
-    let of_part = |part: usize| {
-        let (begin, end) = (part as f64 * scale, (part + 1) as f64 * scale);
-        let covered = begin as usize..(end.ceil() as usize).min(from);
-        covered.map(|k| (k, ((end.min((k + 1) as f64) - begin.max(k as f64)).max(0.0) / scale) as f32)).collect()
-    };
-    (0..to).map(of_part).collect()
 }
 
 #[cfg(test)]
@@ -152,17 +138,11 @@ mod tests {
     }
 
     #[test]
-    fn resampled_rasters_keep_the_mean_of_all() {
+    fn gathered_pixels_are_whole_ones_of_the_part_they_lie_in() {
         let whole = Raster { width: 3, height: 2, channels: 1, data: vec![1.0f32, 2.0, 3.0, 4.0, 5.0, 6.0] };
-        assert_eq!(whole.resampled([3, 2]), whole);
-        // One and a half columns each.
-        let halves = whole.resampled([2, 1]).data;
-        let expected = [(1.0 + 4.0 + 0.5 * (2.0 + 5.0)) / 3.0, (3.0 + 6.0 + 0.5 * (2.0 + 5.0)) / 3.0];
-        assert!(halves.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-5), "{halves:?}");
-        for size in [[1, 1], [7, 5], [2, 9]] {
-            let to = whole.resampled(size);
-            let mean = to.data.iter().sum::<f32>() / to.data.len() as f32;
-            assert!((mean - 3.5).abs() < 1e-5, "{size:?}: {mean}");
-        }
+        assert_eq!(whole.gathered([3, 2]), whole);
+        // The middle column lies in the right half.
+        assert_eq!(whole.gathered([2, 1]).data, [2.5, 4.0]);
+        assert_eq!(whole.gathered([1, 1]).data, [3.5]);
     }
 }
