@@ -40,8 +40,27 @@ impl OwnProgram {
         let done = command.output().with_context(|| self.program.display().to_string())?;
         if !done.status.success() {
             let said = String::from_utf8_lossy(&done.stderr);
-            return Err(anyhow!("\"diopter {typed}\" failed: {}", said.trim().lines().last().unwrap_or("")));
+            return Err(anyhow!("\"diopter {typed}\" failed: {}", reason(&said)));
         }
         Ok(String::from_utf8_lossy(&done.stdout).into_owned())
+    }
+}
+
+/// Why a command failed, of all that it said: its errors are a line that begins with its name, those of arguments one that begins with "error: " before hints and usage.
+fn reason(said: &str) -> &str {
+    let error = said.lines().find_map(|line| line.strip_prefix("error: ").or_else(|| line.strip_prefix("diopter: ")));
+    error.unwrap_or_else(|| said.trim().lines().last().unwrap_or(""))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_reason_is_found_among_warnings_hints_and_usage() {
+        let of_arguments = "error: unexpected argument '--aperture' found\n\n  tip: ...\n\nUsage: diopter calc\n\nFor more information, try '--help'.\n";
+        assert_eq!(reason(of_arguments), "unexpected argument '--aperture' found");
+        assert_eq!(reason("warning: dark\ndiopter: a.toml: no lens\n"), "a.toml: no lens");
+        assert_eq!((reason("killed\n"), reason("")), ("killed", ""));
     }
 }

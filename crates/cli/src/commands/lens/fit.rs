@@ -142,10 +142,11 @@ fn table(r: &FitReport, output: Option<&Path>) -> anyhow::Result<String> {
             row.residual
         )?;
     }
-    match output {
-        Some(lens) => writeln!(t, "  photograph with it: diopter shoot SCENE --lens {} {}", lens.display(), flags(r))?,
-        None => writeln!(t, "  write it with -o LENS.toml to photograph with it ({})", flags(r))?,
-    }
+    let (hint, lens) = match output {
+        Some(lens) => ("photograph with it", lens.display().to_string()),
+        None => ("written with -o fitted.toml, photograph with it", "fitted.toml".to_owned()),
+    };
+    writeln!(t, "  {hint}: diopter shoot SCENE --lens {lens} {}", flags(r))?;
     if let Some(note) = film_note(r) {
         writeln!(t, "  {note}")?;
     }
