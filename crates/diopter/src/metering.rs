@@ -13,7 +13,7 @@
 
 use crate::camera::{Camera, Film};
 use crate::expose::{ExposeError, ProgressReporter, Response, Settings, expose, may_make_photons};
-use crate::from_light::{Channels, Place, focal_plane, of_plane};
+use crate::from_light::{Channels, Place, focal_plane};
 use crate::shot::ShotError;
 use crate::shutter::Shutter;
 use diopter_image::{ExposureFacts, FocalPlane, Raster, RawImage};
@@ -321,16 +321,14 @@ impl Meter<'_> {
         let whole = Probe::whole(scene, camera);
         let t_number = camera.lens.t_number();
         let cells = [whole.camera.film.columns, whole.camera.film.rows];
-        let dark = vec![0.0; plane.bands.len()];
-        let of_cells = FocalPlane::even(plane.bands.clone(), &dark, cells, plane.facts.clone());
-        let of_cells = FocalPlane { mean: plane.mean.gathered(cells), ..of_cells };
-        let mut seen = of_plane(&of_cells, self.sensor, Some(1.0), Some(t_number))?;
+        let electrons =
+            |light: &Raster<f32>| focal_plane(light, &Channels::LinearSrgb, Place::Scene { t_number }, None, self.sensor, 1.0);
+        let mut seen = electrons(&plane.mean.gathered(cells))?;
         // What lens and film leave of it at each cell: electrons of an even white sky, over those of a lossless lens on its axis.
         let settings = Settings { light_scale: 1.0, polarizer: None, ..settings.clone() };
         let samples = PROBE_SAMPLES / FIRST_OF;
         let of_sky = probe(&even_sky(), &whole.camera, &settings, &Response::sensor(self.sensor), (0..samples, samples), watch)?;
-        let white_light = Raster { width: 1, height: 1, channels: 3, data: vec![1.0; 3] };
-        let on_axis = focal_plane(&white_light, &Channels::LinearSrgb, Place::Scene { t_number }, None, self.sensor, 1.0)?;
+        let on_axis = electrons(&Raster { width: 1, height: 1, channels: 3, data: vec![1.0; 3] })?;
         let channels = seen.mean.channels;
         for (seen, sky) in seen.mean.data.chunks_exact_mut(channels).zip(of_sky.mean.data.chunks_exact(channels)) {
             let arriving = sky.iter().zip(&on_axis.mean.data);

@@ -31,11 +31,10 @@ pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
     watched("focusing", |w| shot.focus(w, &mut warn))?;
     // The exposure itself tells what a meter would, where it does not depend on it.
     let meters_by_exposure = matches!(room, Room::Memory) && shot.can_meter_by_exposure();
-    match meters_by_exposure {
-        true => watched("preparing", |w| shot.prepare_to_meter_by_exposure(w, &mut warn))?,
-        false => watched("metering", |w| shot.meter(w, &mut warn))?,
-    }
-    if !meters_by_exposure {
+    if meters_by_exposure {
+        watched("preparing", |w| shot.prepare_to_meter_by_exposure(w, &mut warn))?;
+    } else {
+        watched("metering", |w| shot.meter(w, &mut warn))?;
         say_ambient(file.scene.ambient_ev, &shot.facts());
     }
     let started = Instant::now();

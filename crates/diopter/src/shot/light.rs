@@ -67,7 +67,6 @@ impl Shot {
             && !self.lens_cap
             && !self.file.render.quick
             && film.microlenses.is_none()
-            && !self.response().tells_polarization()
             && !self.sensor.cfa.tells_polarization()
             && self.settings.polarizer.is_none()
             && self.timing.flash.is_none()
