@@ -226,6 +226,10 @@ impl Crate {
                 Value::List(Arc::new(list_op(&mut at, 4, token)?))
             }
             34 => Value::List(Arc::new(list_op(&mut at, 4, |c| self.path(c.u32()?))?)),
+            37 => {
+                let number = |c: &mut Cursor| Ok((c.u64()? as i64).to_string().into());
+                Value::List(Arc::new(list_op(&mut at, 8, number)?))
+            }
             35 => Value::References(Arc::new(list_op(&mut at, 24, |c| self.reference(c))?)),
             55 => Value::References(Arc::new(list_op(&mut at, 8, |c| self.payload(c))?)),
             47 => {
@@ -319,9 +323,10 @@ impl Crate {
         if is_compressed && count >= LEAST_COMPRESSED && n == 1 {
             if is_whole {
                 let packed = at.block()?;
-                let all =
-                    if number == Number::Long { integers::<true>(packed, count)? } else { integers::<false>(packed, count)? };
-                return Ok(Value::Ints(all.into_iter().map(clamped).collect()));
+                return Ok(match number {
+                    Number::Long => Value::Doubles(integers::<true>(packed, count)?.into_iter().map(|v| v as f64).collect()),
+                    _ => Value::Ints(integers::<false>(packed, count)?.into_iter().map(clamped).collect()),
+                });
             }
             let code = at.take(1)?[0];
             if code == b'i' {
@@ -345,10 +350,10 @@ impl Crate {
         }
         let size = number.size();
         let bytes = at.take(count.checked_mul(size * n).ok_or("too long an array")?)?;
-        if is_whole {
+        if is_whole && number != Number::Long {
             return Ok(Value::Ints(bytes.chunks_exact(size).map(|b| number.of(b) as i32).collect()));
         }
-        if number == Number::Double && !(16..=18).contains(&kind) {
+        if matches!(number, Number::Double | Number::Long) && !(16..=18).contains(&kind) {
             return Ok(Value::Doubles(bytes.chunks_exact(size).map(|b| number.of(b)).collect()));
         }
         let mut values: Vec<f32> = match number {

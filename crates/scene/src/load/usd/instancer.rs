@@ -5,6 +5,7 @@ use super::layer::Key;
 use super::stage::{Prim, Stage};
 use super::world::{Drawn, MOST_OBJECTS, Place, Read, World};
 use glam::{DMat4, DVec3, Vec3};
+use std::collections::HashSet;
 use std::sync::Arc;
 
 /// Deepest that instancers lie in prototypes of instancers.
@@ -62,11 +63,14 @@ impl World<'_> {
         if turns.is_empty() {
             turns = list(&self.stage, "orientations")?;
         }
-        let hidden = ints(&self.stage, "invisibleIds")?;
-        let hidden: std::collections::HashSet<i32> = hidden.iter().copied().collect();
-        let ids = ints(&self.stage, "ids")?;
+        let ids = |stage: &Stage, name: &str| -> Read<Arc<[f64]>> {
+            Ok(stage.value(prim, name)?.and_then(|v| v.doubles()).unwrap_or_else(|| Arc::new([])))
+        };
+        let mut hidden: HashSet<i64> = ids(&self.stage, "invisibleIds")?.iter().map(|id| *id as i64).collect();
+        hidden.extend(self.stage.listed(prim, Key::InactiveIds)?.iter().filter_map(|id| id.parse::<i64>().ok()));
+        let ids = ids(&self.stage, "ids")?;
         for i in 0..count {
-            let id = ids.get(i).copied().unwrap_or(i as i32);
+            let id = ids.get(i).map_or(i as i64, |id| *id as i64);
             if hidden.contains(&id) {
                 continue;
             }

@@ -15,6 +15,7 @@ pub enum Key {
     Default,
     DefaultPrim,
     FramesPerSecond,
+    InactiveIds,
     InheritPaths,
     Instanceable,
     Interpolation,
@@ -49,6 +50,7 @@ impl Key {
             "default" => Key::Default,
             "defaultPrim" => Key::DefaultPrim,
             "framesPerSecond" => Key::FramesPerSecond,
+            "inactiveIds" => Key::InactiveIds,
             "inheritPaths" | "inherits" => Key::InheritPaths,
             "instanceable" => Key::Instanceable,
             "interpolation" => Key::Interpolation,
@@ -85,13 +87,13 @@ pub enum Value {
     Text(Arc<str>),
     /// Arrays of single and half precision.
     Floats(Arc<[f32]>),
-    /// Arrays of double precision, and single vectors and matrices of any.
+    /// Arrays of double precision and of whole numbers of 64 bits, and single vectors and matrices of any.
     Doubles(Arc<[f64]>),
     /// Arrays of whole numbers and truth values.
     Ints(Arc<[i32]>),
     /// Arrays of tokens, strings and asset paths.
     Texts(Arc<[Arc<str>]>),
-    /// Edits of a list of paths or names.
+    /// Edits of a list of paths or names, or of whole numbers in digits.
     List(Arc<ListOp<Arc<str>>>),
     /// Edits of a list of references or payloads.
     References(Arc<ListOp<Reference>>),
@@ -191,10 +193,10 @@ impl<T: Clone + PartialEq> ListOp<T> {
     }
 
     /// The same edits of other items; those without one are dropped.
-    pub fn map<U>(&self, f: impl Fn(&T) -> Option<U>) -> ListOp<U> {
-        let each = |list: &[T]| list.iter().filter_map(&f).collect();
+    pub fn map<U>(&self, mut f: impl FnMut(&T) -> Option<U>) -> ListOp<U> {
+        let mut each = |list: &[T]| list.iter().filter_map(&mut f).collect();
         ListOp {
-            explicit: self.explicit.as_deref().map(each),
+            explicit: self.explicit.as_deref().map(&mut each),
             prepended: each(&self.prepended),
             appended: each(&self.appended),
             deleted: each(&self.deleted),

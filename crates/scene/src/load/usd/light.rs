@@ -128,7 +128,10 @@ pub fn add(world: &mut World, kind: &str, prim: &Arc<Prim>, place: &Place) -> Re
     let number = |name: &str, default: f64| number(stage, prim, name, default);
     let power = Power::read(stage, prim, if kind == "DistantLight" { 50_000.0 } else { 1.0 })?;
     let Power { intensity, normalize, .. } = power;
-    let cone = number("shaping:cone:angle", 90.0)?;
+    // Without an angle nothing is cut off; what is shaped at all is cut off at 90° by itself, which a ball is not otherwise.
+    let widest: f64 = if kind == "SphereLight" { 180.0 } else { 90.0 };
+    let usual = if stage.has_schema(prim, "ShapingAPI")? { 90.0 } else { widest };
+    let cone = number("shaping:cone:angle", usual)?.clamp(0.01, widest);
     let focus = number("shaping:focus", 0.0)?.clamp(0.0, 1e4);
     let softness = number("shaping:cone:softness", 0.0)?.clamp(0.0, 1.0);
     let file = stage.attribute(prim, "inputs:texture:file")?.or(stage.attribute(prim, "texture:file")?);
@@ -166,7 +169,7 @@ pub fn add(world: &mut World, kind: &str, prim: &Arc<Prim>, place: &Place) -> Re
     let luminance = if normalize && area > 0.0 { intensity / area } else { intensity };
     let name = prim.name().to_owned();
     let has_axis = matches!(kind, "SphereLight" | "DiskLight" | "RectLight");
-    let shaped = has_axis && (cone < 90.0 || focus > 0.0);
+    let shaped = has_axis && (cone < widest || focus > 0.0);
     if !has_axis && focus > 0.0 {
         world.skip_unsupported("focus of lights of other kinds than spheres, disks and rectangles");
     }
@@ -177,13 +180,13 @@ pub fn add(world: &mut World, kind: &str, prim: &Arc<Prim>, place: &Place) -> Re
         if shaped && !as_point {
             world.skip_unsupported("sizes of lights with a cone or a focus");
         }
-        let outer = cone.clamp(0.01, 89.999).to_radians();
+        let outer = cone.to_radians();
         let (position, direction) = (Vec3::ZERO, Vec3::NEG_Z);
         // Flat lights are seen the smaller the farther to the side.
         let exponent = if kind == "SphereLight" { focus } else { focus + 1.0 };
-        if shaped && exponent > 0.0 {
-            let widest = if cone < 90.0 { outer } else { 0.5 * PI };
-            let web = spot_table(exponent, widest, if cone < 90.0 { softness } else { 0.0 });
+        if shaped && (exponent > 0.0 || softness > 0.0 || cone >= 90.0) {
+            let softness = if cone < widest { softness } else { 0.0 };
+            let web = spot_table(exponent, outer, softness);
             let carrier = Some(world.node_at(place, &name));
             let pattern = web.map(|w| Arc::new(Pattern::measured(w, Mat3::IDENTITY)));
             let lamp = Punctual::new(&name, light(candela), PunctualKind::Point { position });
@@ -194,7 +197,7 @@ pub fn add(world: &mut World, kind: &str, prim: &Arc<Prim>, place: &Place) -> Re
             true => PunctualKind::Spot {
                 position,
                 direction,
-                cos_inner: (outer * (1.0 - softness)).cos() as f32,
+                cos_inner: outer.cos() as f32,
                 cos_outer: outer.cos() as f32,
                 edge: SpotEdge::Smooth,
             },
@@ -252,12 +255,13 @@ pub fn add(world: &mut World, kind: &str, prim: &Arc<Prim>, place: &Place) -> Re
     Ok(())
 }
 
-/// Intensity of a spot over that on its axis, by the angle to it: a power of the cosine up to an edge (rad), which begins to fade at `1 − softness` of its angle.
+/// Intensity of a spot over that on its axis, by the angle to it: a power of the cosine up to an edge (rad), which begins to fade at `1 − softness` of its angle. Backwards it is as
+/// strong. Source: OpenUSD, `UsdLuxShapingAPI`.
 fn spot_table(exponent: f64, edge: f64, softness: f64) -> Option<Web> {
-    let (inner, outer) = ((edge * (1.0 - softness)).cos(), edge.cos());
+    let inner = edge * (1.0 - softness);
     let intensity = |angle: f64| {
-        let cos = angle.cos().max(0.0);
-        let t = if softness > 0.0 { ((cos - outer) / (inner - outer)).clamp(0.0, 1.0) } else { 1.0 };
+        let cos = angle.cos().abs();
+        let t = if softness > 0.0 { ((edge - angle) / (edge - inner)).clamp(0.0, 1.0) } else { 1.0 };
         (cos.powf(exponent) * t * t * (3.0 - 2.0 * t)) as f32
     };
     let angles = (0..=STEPS).map(|i| edge * i as f64 / STEPS as f64);

@@ -1,107 +1,30 @@
-//! Composition: layers stacked, referenced and chosen among become prims with all opinions on them, strongest first.
-//!
-//! Arcs are followed from strong to weak as "LIVRPS" has it: local, inherits, variants, references, payloads, specializes. Source: OpenUSD,
-//! "Glossary" (LIVRPS strength ordering, list editing, value resolution) and `SdfPath`. We depart from it in three things: classes that are
-//! inherited across a reference are not looked for in the referencing layers, specializes are as weak as their prim's other arcs and no weaker,
-//! and relocates are not followed.
+//! Layers: files that stack sublayers, found from each other, and the times of each. What they say of prims together is in [`composition`].
 
+mod composition;
 mod values;
 
+pub use self::composition::Prim;
 pub use self::values::{Fingerprint, TimeSample};
 
-use super::layer::{Folder, Key, Layer, Reference, TimeShift, Value, child_path, without_variants};
+use super::layer::{Folder, Key, Layer, TimeShift, Value};
 use super::package::{self, Package};
 use super::{binary, error, text};
 use crate::SceneError;
 use crate::load::{Fetch, beginning};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 /// Most files of a scene.
 const MOST_LAYERS: usize = 65_536;
-/// Deepest that layers lie in layers, arcs lead to arcs, and prims lie within prims.
+/// Deepest that layers lie in layers.
 const DEEPEST: usize = 64;
-/// Deepest that prims lie within prims.
-const DEEPEST_PRIM: usize = 256;
 /// Time codes in a second that are believed.
 const PLAUSIBLE_RATES: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
-/// Most opinions on one prim, and on all.
-const MOST_SITES: usize = 4096;
-const MOST_SITES_IN_ALL: usize = 1 << 25;
 
 /// Layers that are stacked, strongest first, and their times.
 #[derive(Debug)]
 struct Stack {
     layers: Vec<(usize, TimeShift)>,
-}
-
-/// How a site was come to: what its paths and times are in the scene's.
-#[derive(Debug)]
-struct Link {
-    /// Prim that was referred to, and the prim of the scene that refers to it.
-    from: String,
-    to: String,
-    /// Whether paths elsewhere in the same layers mean what they mean there.
-    same_layers: bool,
-    shift: TimeShift,
-    /// The stack and the path that were referred to.
-    target: (usize, String),
-    outer: Option<Arc<Link>>,
-}
-
-impl Link {
-    /// A path of the scene for a path of a layer, if there is one.
-    fn scene_path(self: &Arc<Link>, path: &str) -> Option<String> {
-        let path = without_variants(path);
-        let mut link = self;
-        loop {
-            let rest = path.strip_prefix(link.from.trim_end_matches('/'));
-            if let Some(rest) = rest.filter(|r| r.is_empty() || r.starts_with(['/', '.'])) {
-                return Some(format!("{}{rest}", link.to.trim_end_matches('/')));
-            }
-            if !link.same_layers {
-                return None;
-            }
-            link = link.outer.as_ref()?;
-        }
-    }
-
-    /// Whether a target was come through already.
-    fn passed(self: &Arc<Link>, stack: usize, path: &str) -> bool {
-        std::iter::successors(Some(self), |l| l.outer.as_ref()).any(|l| l.target.0 == stack && l.target.1 == path)
-    }
-}
-
-/// A place in a stack of layers that has opinions on a prim.
-#[derive(Clone, Debug)]
-struct Site {
-    stack: usize,
-    path: String,
-    link: Arc<Link>,
-    /// Whether an arc or a variant of the prim itself leads here, not of what is around it.
-    is_direct: bool,
-}
-
-/// A prim of the scene.
-#[derive(Debug)]
-pub struct Prim {
-    pub path: String,
-    sites: Vec<Site>,
-    /// Whether what is below it is the same as below others that refer to the same.
-    is_instance: bool,
-}
-
-impl Prim {
-    /// The sites whose opinions count below it. Of an instance those are what its own arcs lead to: overrides from around it are
-    /// discarded. Source: OpenUSD, "Glossary" (Instanceable).
-    fn sites_below(&self) -> impl DoubleEndedIterator<Item = &Site> {
-        self.sites.iter().filter(|s| s.is_direct || !self.is_instance)
-    }
-
-    /// Its own name.
-    pub fn name(&self) -> &str {
-        self.path.rsplit('/').next().unwrap_or_default()
-    }
 }
 
 /// All layers, and the prims that were asked for.
@@ -114,7 +37,10 @@ pub struct Stage<'a> {
     stacks: Vec<Stack>,
     by_file: HashMap<String, usize>,
     stack_of: HashMap<usize, usize>,
-    prims: HashMap<String, Option<Arc<Prim>>>,
+    /// Prims of paths in stacks; the scene's own is the first.
+    prims: HashMap<(usize, String), Option<Arc<Prim>>>,
+    /// Those that are being put together.
+    composing: HashSet<(usize, String)>,
     sites: usize,
     /// Files that could not be had, and why.
     pub missing: Vec<String>,
@@ -136,22 +62,13 @@ impl<'a> Stage<'a> {
             by_file: HashMap::new(),
             stack_of: HashMap::new(),
             prims: HashMap::new(),
+            composing: HashSet::new(),
             sites: 0,
             missing: vec![],
             start: 0.0,
         };
         let layer = stage.add_layer(bytes.into(), name, Folder::default(), 0)?;
-        let stack = stage.stack(layer)?;
-        let link = Link {
-            from: "/".into(),
-            to: "/".into(),
-            same_layers: true,
-            shift: TimeShift::NONE,
-            target: (stack, "/".into()),
-            outer: None,
-        };
-        let sites = vec![Site { stack, path: "/".into(), link: Arc::new(link), is_direct: false }];
-        stage.prims.insert("/".into(), Some(Arc::new(Prim { path: "/".into(), sites, is_instance: false })));
+        stage.stack(layer)?;
         stage.start = stage.root(Key::StartTimeCode)?.and_then(|v| v.number()).unwrap_or(0.0);
         Ok(stage)
     }
@@ -332,192 +249,6 @@ impl<'a> Stage<'a> {
         self.stack_of.insert(first, self.stacks.len() - 1);
         Ok(self.stacks.len() - 1)
     }
-
-    /// The prim of a path of the scene, if anything is said of it.
-    pub fn prim(&mut self, path: &str) -> Read<Option<Arc<Prim>>> {
-        if let Some(known) = self.prims.get(path) {
-            return Ok(known.clone());
-        }
-        if path.matches('/').count() > DEEPEST_PRIM {
-            let found = format!("prims within prims, more than {DEEPEST_PRIM} deep");
-            return Err(error(&self.layers[0].name, found, "fewer levels: does a prim refer to one that holds it?"));
-        }
-        let Some((parent, name)) = path.rsplit_once('/').filter(|(_, name)| !name.is_empty()) else { return Ok(None) };
-        let made = match self.prim(if parent.is_empty() { "/" } else { parent })? {
-            Some(parent) => self.composed(&parent, name)?,
-            None => None,
-        };
-        self.prims.insert(path.to_owned(), made.clone());
-        Ok(made)
-    }
-
-    /// The children of a prim, in the order of the weakest layer that names them.
-    pub fn children(&mut self, prim: &Prim) -> Read<Vec<Arc<Prim>>> {
-        let mut names: Vec<Arc<str>> = Vec::new();
-        let mut known = std::collections::HashSet::new();
-        for site in prim.sites_below().rev() {
-            for (layer, _) in self.stacks[site.stack].layers.iter().rev() {
-                if let Some(Value::Texts(list)) = self.layers[*layer].get(&site.path, Key::PrimChildren)? {
-                    // In damaged files a name can be a path: of the prim itself, for one.
-                    let names_child = |n: &str| !n.is_empty() && !n.contains(['/', '.', '{']);
-                    names.extend(list.iter().filter(|n| names_child(n) && known.insert((*n).clone())).cloned());
-                }
-            }
-        }
-        let mut all = Vec::with_capacity(names.len());
-        for name in names {
-            all.extend(self.prim(&child_path(&prim.path, &name))?);
-        }
-        Ok(all)
-    }
-
-    fn composed(&mut self, parent: &Prim, name: &str) -> Read<Option<Arc<Prim>>> {
-        let path = child_path(&parent.path, name);
-        let mut found = Composing { to: path, sites: vec![], chosen: HashMap::new() };
-        for site in parent.sites_below() {
-            let inner = Site { path: child_path(&site.path, name), is_direct: false, ..site.clone() };
-            self.expand(inner, &mut found, 0)?;
-        }
-        self.sites += found.sites.len();
-        if self.sites > MOST_SITES_IN_ALL {
-            let expected = "fewer: do references repeat each other?";
-            return Err(error(&found.to, format!("more than {MOST_SITES_IN_ALL} opinions in all"), expected));
-        }
-        if found.sites.is_empty() {
-            return Ok(None);
-        }
-        let mut prim = Prim { path: found.to, sites: found.sites, is_instance: false };
-        prim.is_instance = prim.sites.iter().any(|s| s.is_direct)
-            && self.field(&prim, Key::Instanceable)?.and_then(|v| v.number()).is_some_and(|v| v != 0.0);
-        Ok(Some(Arc::new(prim)))
-    }
-
-    /// Adds a site and all that its arcs lead to.
-    fn expand(&mut self, site: Site, found: &mut Composing, depth: usize) -> Read<()> {
-        let layers: Vec<(usize, TimeShift)> = self.stacks[site.stack]
-            .layers
-            .iter()
-            .filter(|(l, _)| self.layers[*l].specs.contains_key(site.path.as_str()))
-            .copied()
-            .collect();
-        if layers.is_empty() {
-            return Ok(());
-        }
-        if depth > DEEPEST || found.sites.len() >= MOST_SITES {
-            let expected = "fewer: does something refer to itself?";
-            return Err(error(&found.to, format!("references to references, more than {DEEPEST} deep"), expected));
-        }
-        found.sites.push(Site { is_direct: depth > 0, ..site.clone() });
-        let (mut inherits, mut specializes, mut sets) = (vec![], vec![], vec![]);
-        let (mut references, mut payloads) = (vec![], vec![]);
-        // Weakest first: each layer edits what is below.
-        for (layer, shift) in layers.iter().rev() {
-            let at = &self.layers[*layer];
-            for (key, list) in
-                [(Key::InheritPaths, &mut inherits), (Key::Specializes, &mut specializes), (Key::VariantSetNames, &mut sets)]
-            {
-                if let Some(Value::List(edits)) = at.get(&site.path, key)? {
-                    edits.apply(list);
-                }
-            }
-            for (key, list) in [(Key::References, &mut references), (Key::Payload, &mut payloads)] {
-                if let Some(Value::References(edits)) = at.get(&site.path, key)? {
-                    let here = |r: &Reference| Some((Reference { shift: r.shift.within(*shift), ..r.clone() }, *layer));
-                    edits.map(here).apply(list);
-                }
-            }
-        }
-        for (layer, _) in &layers {
-            if let Some(Value::Selections(all)) = self.layers[*layer].get(&site.path, Key::VariantSelection)? {
-                for (set, variant) in all.iter() {
-                    found.chosen.entry(set.clone()).or_insert_with(|| variant.clone());
-                }
-            }
-        }
-        for class in &inherits {
-            self.follow_inside(&site, class, TimeShift::NONE, found, depth)?;
-        }
-        for set in &sets {
-            if let Some(variant) = found.chosen.get(set).filter(|v| !v.is_empty()) {
-                let path = format!("{}{{{set}={variant}}}", site.path);
-                self.expand(Site { path, ..site.clone() }, found, depth + 1)?;
-            }
-        }
-        for (reference, layer) in references.into_iter().chain(payloads) {
-            self.follow(&site, &reference, layer, found, depth)?;
-        }
-        for class in &specializes {
-            self.follow_inside(&site, class, TimeShift::NONE, found, depth)?;
-        }
-        Ok(())
-    }
-
-    /// Follows a reference to a file, or within the layers of a site.
-    fn follow(&mut self, site: &Site, to: &Reference, layer: usize, found: &mut Composing, depth: usize) -> Read<()> {
-        if to.asset.is_empty() {
-            let path = match to.prim.is_empty() {
-                true => self.default_prim(self.stacks[site.stack].layers[0].0)?,
-                false => Some(to.prim.to_string()),
-            };
-            return path.map_or(Ok(()), |path| self.follow_inside(site, &path, to.shift, found, depth));
-        }
-        let Some(stack) = self.open(layer, &to.asset)? else { return Ok(()) };
-        let path = match to.prim.is_empty() {
-            true => self.default_prim(self.stacks[stack].layers[0].0)?,
-            false => Some(to.prim.to_string()),
-        };
-        let Some(path) = path else {
-            let missing = format!("{} (it has no default prim)", to.asset);
-            if !self.missing.contains(&missing) {
-                self.missing.push(missing);
-            }
-            return Ok(());
-        };
-        let shift = to.shift.of_longer_codes(self.codes_in_one(layer, self.stacks[stack].layers[0].0)?);
-        self.enter(site, stack, path, shift, found, depth)
-    }
-
-    fn follow_inside(&mut self, site: &Site, path: &str, shift: TimeShift, found: &mut Composing, depth: usize) -> Read<()> {
-        self.enter(site, site.stack, without_variants(path), shift, found, depth)
-    }
-
-    fn enter(
-        &mut self,
-        site: &Site,
-        stack: usize,
-        path: String,
-        shift: TimeShift,
-        found: &mut Composing,
-        depth: usize,
-    ) -> Read<()> {
-        if site.link.passed(stack, &path) || stack == site.stack && without_variants(&site.path) == path {
-            let name = &self.layers[self.stacks[stack].layers[0].0].name;
-            let found = format!("{path} refers to itself, by way of {}", site.path);
-            return Err(error(name, found, "references, payloads and inherits that do not go round"));
-        }
-        let link = Link {
-            from: path.clone(),
-            to: found.to.clone(),
-            same_layers: stack == site.stack,
-            shift: shift.within(site.link.shift),
-            target: (stack, path.clone()),
-            outer: Some(site.link.clone()),
-        };
-        self.expand(Site { stack, path, link: Arc::new(link), is_direct: true }, found, depth + 1)
-    }
-
-    fn default_prim(&self, layer: usize) -> Read<Option<String>> {
-        let name = self.layers[layer].get("/", Key::DefaultPrim)?;
-        Ok(name.as_ref().and_then(Value::text).map(|n| if n.starts_with('/') { n.to_string() } else { format!("/{n}") }))
-    }
-}
-
-/// A prim that is being put together.
-struct Composing {
-    to: String,
-    sites: Vec<Site>,
-    /// Variants by the sets that they are chosen of.
-    chosen: HashMap<Arc<str>, Arc<str>>,
 }
 
 /// What tells files apart: the package that they are in, and their paths.

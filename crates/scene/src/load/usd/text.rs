@@ -230,6 +230,7 @@ impl Parser<'_> {
                 }
                 "timeSamples" => {
                     let samples = self.samples(kind, is_array)?;
+                    self.set(&path, Key::TypeName, Value::Text(kind.into()));
                     self.set(&path, Key::TimeSamples, samples);
                 }
                 "spline" => self.balanced()?,
@@ -307,9 +308,8 @@ impl Parser<'_> {
         Ok(match (is_array, kind) {
             (false, _) if !is_bracketed => Value::Number(numbers.first().copied().unwrap_or(0.0)),
             (false, _) => Value::Doubles(numbers.into()),
-            (true, "bool" | "uchar" | "int" | "uint" | "int64" | "uint64") => {
-                Value::Ints(numbers.into_iter().map(|v| v as i32).collect())
-            }
+            (true, "bool" | "uchar" | "int" | "uint") => Value::Ints(numbers.into_iter().map(|v| v as i32).collect()),
+            (true, "int64" | "uint64") => Value::Doubles(numbers.into()),
             (true, k) if k.starts_with("double") || k.ends_with('d') => Value::Doubles(numbers.into()),
             (true, _) => Value::Floats(numbers.into_iter().map(|v| v as f32).collect()),
         })
@@ -385,6 +385,11 @@ impl Parser<'_> {
                     let items = if self.eat_word("None") { vec![] } else { self.items()?.texts };
                     let key = if word == "apiSchemas" { Key::ApiSchemas } else { Key::VariantSetNames };
                     self.edit_paths(path, key, edit, items);
+                }
+                "inactiveIds" => {
+                    let numbers = if self.eat_word("None") { vec![] } else { self.items()?.numbers };
+                    let items = numbers.into_iter().map(|v| (v as i64).to_string().into()).collect();
+                    self.edit_paths(path, Key::InactiveIds, edit, items);
                 }
                 "variants" => {
                     let chosen = self.selections()?;

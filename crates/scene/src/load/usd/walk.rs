@@ -112,7 +112,9 @@ impl World<'_> {
         if self.stage.field(prim, Key::Clips)?.is_some() {
             self.skip_unsupported("value clips");
         }
-        let mut place = self.moved(prim, outer)?;
+        // What is no Xformable has no place of its own: groups without a type, scopes.
+        let is_placed = !matches!(&*kind, "" | "Scope");
+        let mut place = if is_placed { self.moved(prim, outer)? } else { outer };
         self.bind_skeleton(&kind, prim, &mut place)?;
         let has_skin = place.in_skel_root && &*kind != "Mesh";
         if has_skin && self.stage.attribute(prim, "primvars:skel:jointIndices")?.is_some() {
@@ -267,8 +269,14 @@ impl World<'_> {
     }
 
     fn constant_color(&self, prim: &Prim) -> Read<Option<Vec3>> {
-        let color = self.stage.value(prim, "primvars:displayColor")?.and_then(|v| v.floats());
-        Ok(color.filter(|c| c.len() == 3).map(|c| Vec3::from_slice(&c)))
+        let Some(colors) = self.stage.value(prim, "primvars:displayColor")?.and_then(|v| v.floats()) else { return Ok(None) };
+        let indices = self.stage.value(prim, "primvars:displayColor:indices")?.and_then(|v| v.ints());
+        let place = match indices.as_deref() {
+            None | Some([]) if colors.len() == 3 => 0,
+            Some([one]) => 3 * usize::try_from(*one).unwrap_or(usize::MAX / 3),
+            _ => return Ok(None),
+        };
+        Ok(colors.get(place..place.saturating_add(3)).map(Vec3::from_slice))
     }
 
     /// The material of what is bound to one of a path; `own`: how many colours it has itself, where shaders can read them.

@@ -153,7 +153,7 @@ impl<'a> World<'a> {
         let number =
             |key| -> Read<Option<f64>> { Ok(stage.root(key)?.and_then(|v| v.number()).filter(|v| *v > 0.0 && v.is_finite())) };
         // Without a word of it a unit is a centimetre (UsdGeom).
-        let unit_m = number(Key::MetersPerUnit)?.unwrap_or(0.01);
+        let unit_m = stage.root(Key::MetersPerUnit)?.and_then(|v| v.number()).unwrap_or(0.01);
         if !(1e-9..=1e9).contains(&unit_m) {
             return Err(error(name, format!("metersPerUnit {unit_m}"), "1e-9 to 1e9"));
         }

@@ -180,3 +180,82 @@ fn overrides_below_instances_are_discarded() {
         assert_eq!(stage.children(&prim).unwrap().len(), children, "{path}");
     }
 }
+
+#[test]
+fn arcs_rank_by_their_kind_before_where_they_come_from() {
+    let all = [
+        (
+            "chair.usda",
+            "#usda 1.0\ndef \"chair\" ( variants = { string size = \"small\" } variantSets = \"size\" ) { int v = 1\n variantSet \"size\" = { \"small\" { int w = 1 } \"big\" { int w = 2 } } }",
+        ),
+        ("set.usda", "#usda 1.0\ndef \"set\" { def \"c\" ( payload = @chair.usda@</chair> ) {} }"),
+    ];
+    let fetch = files(&all);
+    let text = "#usda 1.0\n\
+        def \"A\" ( variants = { string look = \"x\" } variantSets = \"look\" ) {\n\
+          def \"geo\" ( references = @chair.usda@</chair> ) {}\n\
+          variantSet \"look\" = { \"x\" { over \"geo\" ( variants = { string size = \"big\" } ) { int v = 9 } } } }\n\
+        def \"B\" ( references = </P> ) { def \"c\" ( payload = @chair.usda@</chair> ) {} }\n\
+        def \"P\" { def \"c\" { int v = 7 } }\n\
+        def \"S\" ( references = @set.usda@</set> ) {}\n\
+        def \"one\" ( references = </S/c> ) {}\n\
+        def \"two\" ( payload = @set.usda@</set/c> ) {}\n\
+        def \"three\" ( inherits = </S/c> ) {}";
+    let mut stage = Stage::new(text.into(), "s.usda", &fetch).unwrap();
+    // OpenUSD 26.11 gives the same numbers. A variant around a prim is stronger than its own reference, and chooses its variant.
+    assert_eq!((number(&mut stage, "/A/geo", "v"), number(&mut stage, "/A/geo", "w")), (Some(9.0), Some(2.0)));
+    // A reference around it than its own payload.
+    assert_eq!((number(&mut stage, "/B/c", "v"), number(&mut stage, "/B/c", "w")), (Some(7.0), Some(1.0)));
+    // What arcs lead to that is only there by arcs of what is around it.
+    for path in ["/S/c", "/one", "/two", "/three"] {
+        assert_eq!((number(&mut stage, path, "v"), number(&mut stage, path, "w")), (Some(1.0), Some(1.0)), "{path}");
+    }
+}
+
+#[test]
+fn lists_of_references_are_edited_across_layers() {
+    let all = [
+        ("a.usda", "#usda 1.0\ndef \"A\" { int a = 1\n int v = 1 }"),
+        ("b.usda", "#usda 1.0\ndef \"B\" { int b = 2\n int v = 2 }"),
+        (
+            "under.usda",
+            "#usda 1.0\ndef \"X\" ( prepend references = [@a.usda@</A>, @b.usda@</B>] ) {}\ndef \"Y\" ( prepend references = [@a.usda@</A>, @b.usda@</B>] ) {}",
+        ),
+    ];
+    let fetch = files(&all);
+    let text = "#usda 1.0\n( subLayers = [@under.usda@] )\nover \"X\" ( delete references = @a.usda@</A> ) {}\nover \"Y\" ( prepend references = @b.usda@</B> ) {}";
+    let mut stage = Stage::new(text.into(), "s.usda", &fetch).unwrap();
+    assert_eq!((number(&mut stage, "/X", "a"), number(&mut stage, "/X", "v")), (None, Some(2.0)));
+    // Named again by a stronger layer it comes first.
+    assert_eq!((number(&mut stage, "/Y", "a"), number(&mut stage, "/Y", "v")), (Some(1.0), Some(2.0)));
+}
+
+#[test]
+fn classes_are_known_to_the_layers_around_and_what_is_specialised_is_weakest() {
+    let all = [(
+        "asset.usda",
+        "#usda 1.0\nclass \"_C\" { int i = 1\n int s = 1 }\ndef \"X\" ( inherits = </_C> ) { def \"y\" ( inherits = </X/_D> ) {}\n class \"_D\" { int d = 1 } }\n\
+         class \"_S\" { int w = 1\n int r = 1 }\ndef \"Z\" ( specializes = </_S> ) {}",
+    )];
+    let fetch = files(&all);
+    let text = "#usda 1.0\nclass \"_C\" { int i = 5 }\nclass \"_S\" { int w = 5 }\n\
+        def \"A\" ( references = @asset.usda@</X> ) { over \"_D\" { int d = 5 } }\n\
+        def \"B\" ( references = [@asset.usda@</Z>, </R>] ) {}\ndef \"R\" { int r = 7 }";
+    let mut stage = Stage::new(text.into(), "s.usda", &fetch).unwrap();
+    // OpenUSD 26.11 gives the same numbers.
+    assert_eq!((number(&mut stage, "/A", "i"), number(&mut stage, "/A", "s")), (Some(5.0), Some(1.0)));
+    assert_eq!(number(&mut stage, "/A/y", "d"), Some(5.0));
+    assert_eq!((number(&mut stage, "/B", "w"), number(&mut stage, "/B", "r")), (Some(5.0), Some(7.0)));
+}
+
+#[test]
+fn values_lie_between_samples_at_the_first_time() {
+    let fetch = files(&[]);
+    let text = "#usda 1.0\n( startTimeCode = 5 )\ndef \"A\" { double d.timeSamples = { 0: 0, 10: 2 }\n int i.timeSamples = { 0: 0, 10: 2 }\n\
+        float3 f.timeSamples = { 0: (0, 1, 2), 20: (4, 1, 2) }\n double before.timeSamples = { 7: 3, 8: 4 } }";
+    let mut stage = Stage::new(text.into(), "s.usda", &fetch).unwrap();
+    assert_eq!((number(&mut stage, "/A", "d"), number(&mut stage, "/A", "i")), (Some(1.0), Some(0.0)));
+    assert_eq!(number(&mut stage, "/A", "before"), Some(3.0));
+    let prim = stage.prim("/A").unwrap().unwrap();
+    assert_eq!(stage.value(&prim, "f").unwrap().and_then(|v| v.doubles()).unwrap()[..], [1.0, 1.0, 2.0]);
+}

@@ -1,7 +1,9 @@
 //! Values of prims: metadata, attributes and relationships, as the strongest opinions say.
 
-use super::{Prim, Read, Site, Stage};
-use crate::load::usd::layer::{Key, ListOp, TimeShift, Value, split_property};
+use super::composition::{Prim, Site};
+use super::{Read, Stage};
+use crate::load::usd::layer::{Field, Key, ListOp, TimeShift, Value, split_property};
+use glam::DQuat;
 use std::sync::Arc;
 
 /// A time code and the numbers then.
@@ -15,13 +17,52 @@ pub struct Found {
     pub value: Value,
     pub layer: usize,
     shift: TimeShift,
+    /// Of samples: what lies between them.
+    between: Between,
+}
+
+/// What a value is between two time samples. Source: OpenUSD, `UsdStage::GetInterpolationType` (linear).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Between {
+    /// The first: whole numbers, truth values, words.
+    Held,
+    Linear,
+    /// Turned from one to the other.
+    Quaternions,
+}
+
+impl Between {
+    /// Of a type: "float3", "quath".
+    fn of_type(name: &str) -> Between {
+        const REAL: [&str; 11] =
+            ["float", "double", "half", "vector", "point", "normal", "color", "texCoord", "matrix", "frame", "timecode"];
+        match name {
+            q if q.starts_with("quat") => Between::Quaternions,
+            other if REAL.iter().any(|real| other.starts_with(real)) => Between::Linear,
+            _ => Between::Held,
+        }
+    }
+
+    /// Numbers at a fraction of the way from one sample to the next; `None` where they are held, or do not fit each other.
+    fn numbers(self, first: &[f64], next: &[f64], fraction: f64) -> Option<Vec<f64>> {
+        let quaternion = |q: &[f64]| DQuat::from_xyzw(q[1], q[2], q[3], q[0]);
+        match self {
+            _ if first.len() != next.len() || self == Between::Held => None,
+            Between::Quaternions if first.len().is_multiple_of(4) => {
+                let pairs = first.chunks_exact(4).zip(next.chunks_exact(4));
+                let turned = pairs.map(|(a, b)| quaternion(a).slerp(quaternion(b), fraction));
+                Some(turned.flat_map(|q| [q.w, q.x, q.y, q.z]).collect())
+            }
+            _ => Some(first.iter().zip(next).map(|(a, b)| a + (b - a) * fraction).collect()),
+        }
+    }
 }
 
 /// Values of prims.
 impl Stage<'_> {
     /// The layers that speak of a prim, strongest first: layer, path there, and times.
     fn opinions<'b>(&'b self, prim: &'b Prim) -> impl Iterator<Item = (usize, &'b Site, TimeShift)> {
-        prim.sites.iter().flat_map(|site| {
+        prim.sites().flat_map(|site| {
             let layers = &self.stacks[site.stack].layers;
             layers.iter().map(move |(layer, shift)| (*layer, site, shift.within(site.link.shift)))
         })
@@ -51,8 +92,8 @@ impl Stage<'_> {
         for (layer, site, _) in self.opinions(prim) {
             if let Some(specifier) = self.layers[layer].get(&site.path, Key::Specifier)?.as_ref().and_then(Value::text) {
                 match &**specifier {
-                    // A class that is inherited is defined by what inherits it.
-                    "class" => return Ok(is_defined),
+                    // A class that is inherited is defined by what inherits it, or by what it is itself made of.
+                    "class" if !site.is_of_class => return Ok(is_defined),
                     "def" => is_defined = true,
                     _ => (),
                 }
@@ -73,7 +114,15 @@ impl Stage<'_> {
                 match at.get(&path, key)? {
                     Some(Value::Blocked) => return Ok(None),
                     Some(Value::Samples(list)) if list.is_empty() => (),
-                    Some(value) => return Ok(Some(Found { value, layer, shift })),
+                    Some(value) => {
+                        let between = match &value {
+                            Value::Samples(_) => {
+                                at.get(&path, Key::TypeName)?.as_ref().and_then(Value::text).map(|t| Between::of_type(t))
+                            }
+                            _ => None,
+                        };
+                        return Ok(Some(Found { value, layer, shift, between: between.unwrap_or(Between::Held) }));
+                    }
                     None => (),
                 }
             }
@@ -89,12 +138,30 @@ impl Stage<'_> {
         }
     }
 
-    /// The value of samples that holds at the scene's first time: the last one until then, or the first one.
+    /// The value of samples at the scene's first time: between two of them what lies between, before the first that one, after the last the last.
     pub fn at_start(&self, found: &Found) -> Read<Option<Value>> {
         let Value::Samples(list) = &found.value else { return Ok(Some(found.value.clone())) };
-        let until = list.iter().take_while(|(t, _)| found.shift.offset + found.shift.scale * t <= self.start).count();
-        let Some((_, field)) = list.get(until.saturating_sub(1)) else { return Ok(None) };
-        Ok(Some(self.layers[found.layer].read(field)?).filter(|v| !matches!(v, Value::Blocked)))
+        let time = |t: f64| found.shift.offset + found.shift.scale * t;
+        let until = list.iter().take_while(|(t, _)| time(*t) <= self.start).count();
+        let read = |field: &Field| self.layers[found.layer].read(field);
+        let Some((t, field)) = list.get(until.saturating_sub(1)) else { return Ok(None) };
+        let (value, begun) = (read(field)?, time(*t));
+        if let (1.., Some((next_t, next)), false) = (until, list.get(until), found.between == Between::Held)
+            && begun < self.start
+        {
+            let next = read(next)?;
+            let fraction = (self.start - begun) / (time(*next_t) - begun);
+            if let (Some(a), Some(b)) = (value.doubles(), next.doubles())
+                && let Some(between) = found.between.numbers(&a, &b, fraction)
+            {
+                return Ok(Some(match value {
+                    Value::Number(_) => Value::Number(between[0]),
+                    Value::Floats(_) => Value::Floats(between.into_iter().map(|v| v as f32).collect()),
+                    _ => Value::Doubles(between.into()),
+                }));
+            }
+        }
+        Ok(Some(value).filter(|v| !matches!(v, Value::Blocked)))
     }
 
     /// Times in the scene's time codes, rising, and the numbers then; `None` of what does not change.
@@ -140,15 +207,20 @@ impl Stage<'_> {
 
     /// Whether an API schema is applied to a prim: "MeshLightAPI".
     pub fn has_schema(&self, prim: &Prim, schema: &str) -> Read<bool> {
+        Ok(self.listed(prim, Key::ApiSchemas)?.iter().any(|s| &**s == schema))
+    }
+
+    /// What remains of a list of names or numbers in the metadata of a prim after all edits of it.
+    pub fn listed(&self, prim: &Prim, key: Key) -> Read<Vec<Arc<str>>> {
         let mut edits = Vec::new();
         for (layer, site, _) in self.opinions(prim) {
-            if let Some(Value::List(list)) = self.layers[layer].get(&site.path, Key::ApiSchemas)? {
+            if let Some(Value::List(list)) = self.layers[layer].get(&site.path, key)? {
                 edits.push(list);
             }
         }
-        let mut all: Vec<Arc<str>> = Vec::new();
+        let mut all = Vec::new();
         edits.iter().rev().for_each(|e| e.apply(&mut all));
-        Ok(all.iter().any(|s| &**s == schema))
+        Ok(all)
     }
 
     /// Names of the relationships by which a prim binds materials to collections, in order: "material:binding:collection:red".
@@ -212,6 +284,6 @@ impl Stage<'_> {
             let shift = if is_sampled { s.link.shift } else { TimeShift::NONE };
             (s.stack, s.path.clone(), [shift.offset, shift.scale].map(f64::to_bits))
         };
-        prim.sites.iter().map(of).collect()
+        prim.sites().map(of).collect()
     }
 }
