@@ -8,7 +8,7 @@ use crate::bvh::Bounds;
 use crate::material::{Emission, EmissionColor, Material};
 use crate::shape::{Quad, Sphere, reach_of};
 use diopter_light::{SampledSpectrum, SampledWavelengths, Spectrum, sampling};
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec4, Vec4Swizzles};
 use std::f32::consts::{PI, TAU};
 
 /// An emissive surface.
@@ -30,6 +30,8 @@ pub struct AreaLight {
     normal: Vec3,
     /// m².
     area: f32,
+    /// Of a rectangle: what it is sampled by. `None` of skewed parallelograms and other shapes.
+    rectangle: Option<Rectangle>,
 }
 
 /// Shape of an emissive surface, world space.
@@ -52,7 +54,11 @@ impl AreaLight {
             AreaShape::Parallelogram(q) => (q.normal(), q.area()),
             AreaShape::Sphere(s) => (Vec3::ZERO, 4.0 * PI * s.radius * s.radius),
         };
-        AreaLight { shape, material, uv, alpha: [1.0; 3], two_sided, luminance, normal, area }
+        let rectangle = match &shape {
+            AreaShape::Parallelogram(q) => Rectangle::of(q),
+            _ => None,
+        };
+        AreaLight { shape, material, uv, alpha: [1.0; 3], two_sided, luminance, normal, area, rectangle }
     }
 
     /// The same light with other alphas (0 to 1) of its corners.
@@ -207,7 +213,7 @@ impl AreaLight {
         match &self.shape {
             AreaShape::Sphere(sphere) => sample_li_sphere(sphere, p, u, number),
             AreaShape::Triangle(quad) => self.sample_li_plane(quad, p, triangle_place(u), number),
-            AreaShape::Parallelogram(quad) => match SphericalRectangle::new(quad, self.area, p) {
+            AreaShape::Parallelogram(quad) => match self.rectangle.and_then(|r| r.seen_from(p, self.area)) {
                 Some(rectangle) => {
                     let place = rectangle.sample(u);
                     let mut light_sample = self.sample_li_plane(quad, p, place, number)?;
@@ -244,7 +250,7 @@ impl AreaLight {
         let by_area = || distance * distance / (self.normal.dot(wi).abs().max(1e-9) * self.area);
         match &self.shape {
             AreaShape::Triangle(_) => by_area(),
-            AreaShape::Parallelogram(quad) => match SphericalRectangle::new(quad, self.area, p) {
+            AreaShape::Parallelogram(_) => match self.rectangle.and_then(|r| r.seen_from(p, self.area)) {
                 Some(rectangle) => 1.0 / rectangle.solid_angle,
                 None => by_area(),
             },
@@ -298,6 +304,15 @@ const SMALL_SOLID_ANGLE: f32 = 0.25;
 /// Distance from a plane that rounding makes, as a fraction of the coordinates.
 const IN_PLANE: f32 = 1e-6;
 
+/// A rectangle: unit vectors along its edges, the one square to both, and the lengths of the edges, m.
+#[derive(Clone, Copy, Debug)]
+struct Rectangle {
+    corner: Vec3,
+    middle: Vec3,
+    axes: [Vec3; 3],
+    lengths: Vec2,
+}
+
 /// A rectangle seen from a point, ready to be sampled uniformly in solid angle.
 struct SphericalRectangle {
     x0: f32,
@@ -312,20 +327,24 @@ struct SphericalRectangle {
     x1: f32,
 }
 
-impl SphericalRectangle {
-    /// `None` for skewed parallelograms, points in the plane, and rectangles so small that area sampling is as good.
-    fn new(quad: &Quad, area: f32, p: Vec3) -> Option<Self> {
-        // Small or far: the solid angle of all places is nearly the same (and rounding would show in the sum of angles).
-        if (quad.point(Vec2::splat(0.5)) - p).length_squared() * SMALL_SOLID_ANGLE > area {
-            return None;
-        }
+impl Rectangle {
+    /// `None` for skewed parallelograms.
+    fn of(quad: &Quad) -> Option<Self> {
         let lengths = Vec2::new(quad.edges[0].length(), quad.edges[1].length());
         let (ex, ey) = (quad.edges[0] / lengths.x, quad.edges[1] / lengths.y);
-        if ex.dot(ey).abs() > 1e-4 {
+        let middle = quad.point(Vec2::splat(0.5));
+        (ex.dot(ey).abs() <= 1e-4).then(|| Rectangle { corner: quad.corner, middle, axes: [ex, ey, ex.cross(ey)], lengths })
+    }
+
+    /// The rectangle as a point sees it. `area`: its own, m². `None` from points in its plane, and where it is so small that area sampling is as good.
+    fn seen_from(&self, p: Vec3, area: f32) -> Option<SphericalRectangle> {
+        // Small or far: the solid angle of all places is nearly the same (and rounding would show in the sum of angles).
+        if (self.middle - p).length_squared() * SMALL_SOLID_ANGLE > area {
             return None;
         }
-        let d = quad.corner - p;
-        let z = d.dot(ex.cross(ey));
+        let (lengths, [ex, ey, ez]) = (self.lengths, self.axes);
+        let d = self.corner - p;
+        let z = d.dot(ez);
         // In the plane, as near as rounding lets one tell: half of all directions would be those of the rectangle, and its back would be lit.
         if z.abs() <= IN_PLANE * (lengths.x + lengths.y + d.abs().max_element() + p.abs().max_element()) {
             return None;
@@ -334,18 +353,43 @@ impl SphericalRectangle {
         let (x0, y0) = (d.dot(ex), d.dot(ey));
         let (x1, y1) = (x0 + lengths.x, y0 + lengths.y);
         // Normals of the four planes through the point and an edge, as far as needed.
-        let nz = |a: f32, b: f32| a / (a * a + b * b).sqrt();
-        let (n0, n1, n2, n3) = (nz(-y0, z0), nz(x1, z0), nz(y1, z0), nz(-x0, z0));
-        let angle = |c: f32| (-c).clamp(-1.0, 1.0).acos();
-        let (g0, g1, g2, g3) = (angle(n0 * n1), angle(n1 * n2), angle(n2 * n3), angle(n3 * n0));
+        let across = Vec4::new(-y0, x1, y1, -x0);
+        let n = across / square_roots(across * across + z0 * z0);
+        let [g0, g1, g2, g3] = arccosines(-(n * n.yzwx())).to_array();
         let solid_angle = g0 + g1 + g2 + g3 - TAU;
         // Seen nearly edge-on.
         if !(solid_angle > 3e-3) {
             return None;
         }
-        Some(SphericalRectangle { x0, y0, y1, z0, b0: n0, b1: n2, k: TAU - g2 - g3, solid_angle, lengths, x1 })
+        Some(SphericalRectangle { x0, y0, y1, z0, b0: n.x, b1: n.z, k: TAU - g2 - g3, solid_angle, lengths, x1 })
     }
+}
 
+#[inline]
+fn square_roots(x: Vec4) -> Vec4 {
+    let mut roots = x.to_array();
+    roots.iter_mut().for_each(|x| *x = x.sqrt());
+    Vec4::from(roots)
+}
+
+/// acos of numbers from −1 to 1 (clamped), rad, to 3e-7: four at a time, and the same bits everywhere.
+/// Source: S. Moshier, Cephes library, `asinf.c` (minimax polynomial).
+#[inline]
+fn arccosines(x: Vec4) -> Vec4 {
+    let (half, size) = (Vec4::splat(0.5), x.abs().min(Vec4::ONE));
+    let is_large = size.cmpgt(half);
+    let z = Vec4::select(is_large, half * (Vec4::ONE - size), size * size);
+    let s = Vec4::select(is_large, square_roots(z), size);
+    let series = z * 4.216_32e-2 + 2.418_131_1e-2;
+    let series = (series * z + 4.547_002_6e-2) * z + 7.495_300_3e-2;
+    let arcsine = s + s * z * (series * z + 1.666_675_2e-1);
+    let upright = Vec4::splat(0.5 * PI);
+    // Of the size; beyond a right angle what is left to half a turn.
+    let angle = Vec4::select(is_large, arcsine + arcsine, upright - arcsine);
+    Vec4::select(x.cmplt(Vec4::ZERO), Vec4::splat(PI) - angle, angle)
+}
+
+impl SphericalRectangle {
     /// (α, β) of the rectangle.
     fn sample(&self, u: [f32; 2]) -> Vec2 {
         let au = u[0] * self.solid_angle + self.k;
@@ -401,6 +445,18 @@ mod tests {
             sum += (w.z * -q.normal().dot(w) / d2) as f64;
         }
         sum * q.area() as f64 / (n * n) as f64
+    }
+
+    #[test]
+    fn arccosines_are_those_of_the_library() {
+        for i in -1000..=1000 {
+            let x = i as f32 / 1000.0;
+            let found = arccosines(Vec4::new(x, -x, 0.5 * x, 1.001 * x)).to_array();
+            for (found, x) in found.into_iter().zip([x, -x, 0.5 * x, 1.001 * x]) {
+                let exact = f64::from(x).clamp(-1.0, 1.0).acos();
+                assert!((f64::from(found) - exact).abs() < 3e-7, "{x}: {found} {exact}");
+            }
+        }
     }
 
     #[test]

@@ -76,11 +76,6 @@ impl Mirror {
             && self.normal.dot(surface.point - self.origin).abs() < WITHIN * size
     }
 
-    /// How much it counts from a place before others.
-    fn weight(&self, from: Vec3) -> f32 {
-        (NEAR * NEAR * self.area / self.middle.distance_squared(from)).min(1.0)
-    }
-
     fn spread(&mut self, corners: [Vec3; 3]) {
         for corner in corners {
             let at = corner - self.origin;
@@ -95,7 +90,42 @@ impl Mirror {
 
 /// The mirrors of a scene.
 #[derive(Debug, Default)]
-pub(crate) struct Mirrors(Vec<Mirror>);
+pub(crate) struct Mirrors {
+    all: Vec<Mirror>,
+    weighing: Weighing,
+}
+
+/// What the weights of all mirrors are computed from, side by side; none, past the last of them, has an area of 0.
+#[derive(Debug, Default)]
+struct Weighing {
+    /// x, y and z of their middles, m.
+    middles: [[f32; MOST]; 3],
+    areas: [f32; MOST],
+}
+
+impl Weighing {
+    fn of(all: &[Mirror]) -> Weighing {
+        let mut weighing = Weighing::default();
+        for (i, mirror) in all.iter().enumerate() {
+            (0..3).for_each(|axis| weighing.middles[axis][i] = mirror.middle[axis]);
+            weighing.areas[i] = mirror.area;
+        }
+        weighing
+    }
+
+    /// How much each counts from a place before others.
+    #[inline]
+    fn from(&self, place: Vec3) -> [f32; MOST] {
+        let mut weights = [0.0; MOST];
+        let [x, y, z] = &self.middles;
+        for i in 0..MOST {
+            let (dx, dy, dz) = (x[i] - place.x, y[i] - place.y, z[i] - place.z);
+            let squared = dx * dx + dy * dy + dz * dz;
+            weights[i] = (NEAR * NEAR * self.areas[i] / squared).min(1.0);
+        }
+        weights
+    }
+}
 
 impl Mirrors {
     /// Those of a scene that stand still.
@@ -109,26 +139,24 @@ impl Mirrors {
         }
         all.sort_by(|a, b| b.area.total_cmp(&a.area));
         all.truncate(MOST);
-        Mirrors(all)
+        Mirrors { weighing: Weighing::of(&all), all }
     }
 
     #[inline]
     pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
+        self.all.is_empty()
     }
 
     /// The mirror at a place of a surface.
     #[inline]
     pub fn at(&self, surface: &Surface) -> Option<&Mirror> {
-        self.0.iter().find(|mirror| mirror.is_at(surface))
+        self.all.iter().find(|mirror| mirror.is_at(surface))
     }
 
     /// One of them by a number from 0 to 1, for a place, and its probability; now and then none where all are far.
     pub fn choose(&self, from: Vec3, mut u: f32) -> Option<(&Mirror, f32)> {
-        let mut weights = [0.0; MOST];
-        let all = self.sum_of_weights(from, &mut weights);
-        for (mirror, weight) in self.0.iter().zip(weights) {
-            let probability = weight / all;
+        let probabilities = self.probabilities(from);
+        for (mirror, probability) in self.all.iter().zip(probabilities) {
             if u < probability {
                 return Some((mirror, probability));
             }
@@ -139,13 +167,15 @@ impl Mirrors {
 
     /// Probability with which [`Mirrors::choose`] finds a mirror.
     pub fn probability(&self, from: Vec3, mirror: &Mirror) -> f32 {
-        mirror.weight(from) / self.sum_of_weights(from, &mut [0.0; MOST])
+        let number = self.all.iter().position(|m| std::ptr::eq(m, mirror));
+        number.map_or(0.0, |number| self.probabilities(from)[number])
     }
 
-    /// 1 at least: what is missing is the probability of none. Each weight apart, since they do not wait for one another as the sum does.
-    fn sum_of_weights(&self, from: Vec3, weights: &mut [f32; MOST]) -> f32 {
-        weights.iter_mut().zip(&self.0).for_each(|(weight, mirror)| *weight = mirror.weight(from));
-        weights[..self.0.len()].iter().sum::<f32>().max(1.0)
+    /// Of each; what is missing to 1 is that of none.
+    fn probabilities(&self, from: Vec3) -> [f32; MOST] {
+        let weights = self.weighing.from(from);
+        let all = weights[..self.all.len()].iter().sum::<f32>().max(1.0);
+        weights.map(|weight| weight / all)
     }
 }
 
