@@ -171,6 +171,23 @@ fn error(name: &str, place: &str, found: impl Into<String>, expected: impl Into<
     SceneError::File { place: format!("{name}: {place}"), found: found.into(), expected: expected.into() }
 }
 
+/// Refuses what says that it is of another generation, or wants a later reader. Source: glTF 2.0, §3.2 (asset).
+fn check_version(json: &Value, name: &str) -> Result<(), SceneError> {
+    let said = |key: &str| json.get("asset").and_then(|a| a.get(key)).and_then(Value::as_str);
+    let numbers = |text: &str| -> Option<[u32; 2]> {
+        let (major, minor) = text.split_once('.')?;
+        Some([major.parse().ok()?, minor.parse().ok()?])
+    };
+    let is_other = said("version").and_then(numbers).is_some_and(|[major, _]| major != 2);
+    let is_later = said("minVersion").and_then(numbers).is_some_and(|version| version > [2, 0]);
+    let (key, found) = match (is_other, is_later) {
+        (true, _) => ("version", said("version")),
+        (_, true) => ("minVersion", said("minVersion")),
+        _ => return Ok(()),
+    };
+    Err(error(name, "asset", format!("{key} {}", found.unwrap_or_default()), "expected glTF 2.0"))
+}
+
 impl<'a> Loader<'a> {
     fn new(bytes: &[u8], name: &'a str, fetch: Fetch) -> Result<Self, SceneError> {
         check_container(bytes, name)?;
@@ -184,6 +201,7 @@ impl<'a> Loader<'a> {
         };
         let mut json: Value = serde_json::from_slice(&text).map_err(|e| broken(e.to_string()))?;
         drop(text);
+        check_version(&json, name)?;
         let listed = |json: &Value, key: &str| -> Vec<String> {
             json.get(key).and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str).map(str::to_owned).collect()
         };
