@@ -5,7 +5,7 @@
 //! first that is diffuse or glossy; what it shows is tinted by what lies before it.
 
 use crate::material::Scattering;
-use crate::medium_stack::MediumStack;
+use crate::medium_stack::Immersion;
 use crate::radiance::FirstSurface;
 use crate::scene::Scene;
 use diopter_light::{Ray, SampledSpectrum, SampledWavelengths};
@@ -18,22 +18,22 @@ const MOST_SURFACES: u32 = 64;
 
 impl Scene {
     /// The first surface along a ray that is neither mirror nor smooth glass; distance and object are those of [`Scene::first_surface`]. Albedo and
-    /// normal are 0 where the path leaves the scene behind glass; `None` where the ray meets nothing.
-    pub fn first_rough_surface(&self, ray: &Ray) -> Option<FirstSurface> {
-        self.first_rough(ray).map(|(surface, _)| surface)
+    /// normal are 0 where the path leaves the scene behind glass; `None` where the ray meets nothing. `immersion`: what the ray begins in
+    /// ([`Scene::immersion_at`]).
+    pub fn first_rough_surface(&self, ray: &Ray, immersion: Immersion) -> Option<FirstSurface> {
+        self.first_rough(ray, immersion).map(|(surface, _)| surface)
     }
 
     /// Where the surface of [`Scene::first_rough_surface`] lies in world space, m; `None` where the path leaves the scene.
-    pub fn first_rough_point(&self, ray: &Ray) -> Option<Vec3> {
-        self.first_rough(ray)?.1
+    pub fn first_rough_point(&self, ray: &Ray, immersion: Immersion) -> Option<Vec3> {
+        self.first_rough(ray, immersion)?.1
     }
 
     /// The surface, and where it lies unless the path leaves the scene.
-    fn first_rough(&self, ray: &Ray) -> Option<(FirstSurface, Option<Vec3>)> {
+    fn first_rough(&self, ray: &Ray, Immersion(mut medium_stack): Immersion) -> Option<(FirstSurface, Option<Vec3>)> {
         let first = self.first_surface(ray)?;
         let wavelengths = SampledWavelengths::rgb();
         let mut ray = *ray;
-        let mut medium_stack = MediumStack::default();
         let (mut tint, mut smooth) = (SampledSpectrum::ONE, 0);
         for _ in 0..MOST_SURFACES {
             let Some(surface) = self.intersect(&ray, f32::INFINITY) else {

@@ -22,7 +22,7 @@ use diopter_light::Ray;
 use diopter_light::random::{Dimensions, Sampler, SamplerKind};
 use diopter_scene::classes::UNCLASSIFIED;
 use diopter_scene::shape::Surface;
-use diopter_scene::{Description, FirstSurface, OtherExposure, Scene};
+use diopter_scene::{Description, FirstSurface, Immersion, OtherExposure, Scene};
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
@@ -33,10 +33,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// What denoisers are guided by: as the truth, but with albedo and normals of what smooth glass and mirrors show.
 pub(crate) fn features(scene: &Scene, camera: &Camera, shutter: &Shutter) -> Truth {
     let settings = Settings::new(1);
-    let look = |ray: &Ray| scene.first_rough_surface(ray);
+    let immersion = immersion(scene, camera);
+    let look = |ray: &Ray| scene.first_rough_surface(ray, immersion);
     let recorder = Recorder { look: Some(&look), ..Recorder::new(scene, camera, shutter, &settings) };
     let rows = camera.film.rows;
     recorder.rows(0..rows, &AtomicBool::new(false)).unwrap_or_else(|| Truth::empty(camera.film.columns, rows))
+}
+
+/// What the camera stands in.
+fn immersion(scene: &Scene, camera: &Camera) -> Immersion {
+    scene.immersion_at(camera.motion.at(0.0).translation.into())
 }
 
 /// What one pixel sees along its ray.
@@ -188,7 +194,7 @@ fn backward_flow(recorder: &Recorder, seen: &Seen, to: &mut [f32]) {
 }
 
 fn transmitted(recorder: &Recorder, seen: &Seen, to: &mut [f32]) {
-    let Some(point) = recorder.scene.first_rough_point(&seen.ray) else { return };
+    let Some(point) = recorder.scene.first_rough_point(&seen.ray, recorder.immersion) else { return };
     to.copy_from_slice(&point.to_array());
 }
 
@@ -235,6 +241,8 @@ pub(super) struct Recorder<'a> {
     behind: Option<MicrolensOptics>,
     /// Whether the lens has no axis: depth is then distance.
     all_around: bool,
+    /// What the camera stands in.
+    immersion: Immersion,
     settings: &'a Settings,
     /// Where it is asked for.
     blur: Option<Blur>,
@@ -265,7 +273,8 @@ impl<'a> Recorder<'a> {
         let frames = frames.map(|f| [frame(f, -1.0, &f.previous), frame(f, 1.0, &f.next)]);
         let (recorded, mattes) = recorded(scene, settings);
         let all_around = !camera.has_axis();
-        Recorder { camera, shutter, recorded, scene, look: None, behind, all_around, settings, blur, frames, mattes }
+        let immersion = immersion(scene, camera);
+        Recorder { camera, shutter, recorded, scene, look: None, behind, all_around, immersion, settings, blur, frames, mattes }
     }
 
     /// Number of an object's class.

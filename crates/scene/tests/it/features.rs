@@ -5,7 +5,7 @@ use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{Conductor, Material, Scattering};
 use diopter_scene::shape::Sphere;
 use diopter_scene::texture::{Color, Scalar};
-use diopter_scene::{Description, Object, Scene, Shape};
+use diopter_scene::{Description, Immersion, Object, Scene, Shape};
 use glam::Vec3;
 
 fn ball(name: &str, x: f32, material: u32) -> Object {
@@ -22,7 +22,7 @@ fn seen(first: Material, origin_x: f32) -> (diopter_scene::FirstSurface, diopter
     })
     .unwrap();
     let ray = Ray { origin: Vec3::X * origin_x, direction: Vec3::X, time_s: 0.0 };
-    (scene.first_surface(&ray).unwrap(), scene.first_rough_surface(&ray).unwrap())
+    (scene.first_surface(&ray).unwrap(), scene.first_rough_surface(&ray, Immersion::NONE).unwrap())
 }
 
 #[test]
@@ -56,7 +56,26 @@ fn rough_surfaces_are_seen_themselves_and_nothing_behind_glass_is_nothing() {
     })
     .unwrap();
     let ray = Ray { origin: Vec3::X * -4.0, direction: Vec3::X, time_s: 0.0 };
-    let features = scene.first_rough_surface(&ray).unwrap();
+    let features = scene.first_rough_surface(&ray, Immersion::NONE).unwrap();
     assert_eq!((features.albedo, features.normal, features.object), (Vec3::ZERO, Vec3::ZERO, 0));
-    assert!(scene.first_rough_surface(&Ray { direction: Vec3::Y, ..ray }).is_none());
+    assert!(scene.first_rough_surface(&Ray { direction: Vec3::Y, ..ray }, Immersion::NONE).is_none());
+}
+
+#[test]
+fn a_camera_in_water_sees_straight_through_what_has_its_index() {
+    let sphere = |radius: f32| Shape::Sphere(Sphere { center: Vec3::ZERO, radius });
+    let scene = Scene::build(Description {
+        materials: vec![
+            Material::glass("water", 1.33, None),
+            Material::new("red", Scattering::Diffuse(Color::rgb(0.8, 0.1, 0.1))),
+        ],
+        objects: vec![Object::new("sea", sphere(30.0), 0), Object::new("bag", sphere(1.0), 0), ball("red", 10.0, 1)],
+        ..Default::default()
+    })
+    .unwrap();
+    let ray = Ray { origin: Vec3::new(-4.0, 0.5, 0.0), direction: Vec3::X, time_s: 0.0 };
+    let seen = |immersion| scene.first_rough_point(&ray, immersion).unwrap();
+    let straight = seen(scene.immersion_at(ray.origin));
+    assert!((straight.y - 0.5).abs() < 1e-5, "{straight}");
+    assert!((seen(Immersion::NONE).y - 0.5).abs() > 0.1, "taken for water in air it bends");
 }
