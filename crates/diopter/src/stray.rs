@@ -38,7 +38,7 @@ use diopter_image::channels::STRAY_LIGHT;
 use diopter_image::focal_plane::{Band, BandUnit, FocalPlaneSource};
 use diopter_image::truth::Values;
 use diopter_image::{ExposureFacts, FocalPlane, ImageError, Raster};
-use diopter_lens::ghosts::{BeamGhost, GhostTracer, SENSOR_REFLECTANCE};
+use diopter_lens::ghosts::{BeamGhost, GhostTracer, SENSOR_REFLECTANCE, SourceBeam};
 use diopter_lens::glare::{BINS_NM, GlareTracer, Kind, Unfit};
 use diopter_lens::{CompoundLens, Lens, System};
 use diopter_light::wavelength::FIRST_NM;
@@ -144,25 +144,33 @@ impl StrayLight {
             });
             let tracer = GhostTracer::new(system, f64::from(bin_nm(BINS / 2)), 0.0);
             // Lamps of the picture are in what is seen of it; their reflections are the ghosts.
-            let images: Vec<Option<BeamGhost>> = beams
+            let image = |source: &SourceBeam| {
+                source.extent(&tracer, &[], LOOK).and_then(|c| BeamGhost::within(&tracer, source, &[], c, ESTIMATE))
+            };
+            let images: Vec<Option<InPicture>> = beams
                 .par_iter()
                 .map(|b| {
-                    let image =
-                        b.source.extent(&tracer, &[], LOOK).and_then(|c| BeamGhost::within(&tracer, &b.source, &[], c, ESTIMATE));
-                    image.filter(|i| b.visible && on_film(i.center))
+                    let whole = image(&b.source).filter(|_| b.visible)?;
+                    let arm = |edge: &Option<SourceBeam>| {
+                        edge.as_ref().and_then(image).map_or(DVec2::ZERO, |i| i.center - whole.center)
+                    };
+                    let arms = [arm(&b.edges[0]), arm(&b.edges[1])];
+                    InPicture::of(whole, arms, on_film)
                 })
                 .collect();
             let lamps: Vec<(DVec2, Vec<f64>)> = beams
                 .iter()
                 .zip(&images)
                 .filter_map(|(beam, image)| {
-                    let image = image.filter(|_| stray.ghosts)?;
+                    let image = image.as_ref().filter(|_| stray.ghosts)?;
                     let factor = image.flux_mm2 * seconds(&beam.modulation, open_s, window) * scale;
                     Some((image.center, beam.counts.iter().map(|c| c.iter().sum::<f64>() * factor).collect()))
                 })
                 .collect();
-            let beyond: Vec<&Beam> = beams.iter().zip(&images).filter(|b| b.1.is_none()).map(|b| b.0).collect();
-            add_astray(&mut parts, system, &beyond, &film, size, bands);
+            let left = |image: &Option<InPicture>| 1.0 - image.as_ref().map_or(0.0, |i| i.fraction);
+            let beyond: Vec<(&Beam, f64)> =
+                beams.iter().zip(&images).map(|(beam, image)| (beam, left(image))).filter(|b| b.1 > 0.0).collect();
+            add_astray(&mut parts, system, &beyond, !stray.ghosts, &film, size, bands);
             let light = veil.light(&seen.raster(), &lamps);
             glare = Some((Arc::new(veil), light));
         }
@@ -258,6 +266,33 @@ impl StrayLight {
     }
 }
 
+/// The part of a cell of a lamp whose image lies in the picture.
+struct InPicture {
+    /// Of the whole cell, above 0.
+    fraction: f64,
+    /// Its middle, mm.
+    center: DVec2,
+    /// Its light, mm² of the front.
+    flux_mm2: f64,
+}
+
+impl InPicture {
+    /// `arms`: from the middle of the image of the cell to those of its edges; zero of lamps without extent. `None` where all of it lies beyond.
+    fn of(whole: BeamGhost, arms: [DVec2; 2], on_film: impl Fn(DVec2) -> bool) -> Option<InPicture> {
+        /// Places a side at which a cell is looked at.
+        const SIDE: usize = 16;
+        let along = |k: usize| (k as f64 + 0.5) / SIDE as f64 * 2.0 - 1.0;
+        let places = (0..SIDE * SIDE).map(|k| whole.center + arms[0] * along(k % SIDE) + arms[1] * along(k / SIDE));
+        let inside: Vec<DVec2> = places.filter(|at| on_film(*at)).collect();
+        let fraction = inside.len() as f64 / (SIDE * SIDE) as f64;
+        (fraction > 0.0).then(|| InPicture {
+            fraction,
+            center: inside.iter().sum::<DVec2>() / inside.len() as f64,
+            flux_mm2: whole.flux_mm2 * fraction,
+        })
+    }
+}
+
 /// Bands that stand for red, green and blue: those of these names, else the first, the middle and the last.
 pub(crate) fn colors_of(bands: &[Band]) -> [usize; 3] {
     let last = bands.len().saturating_sub(1);
@@ -279,8 +314,17 @@ fn part_of(parts: &mut Vec<Part>, modulation: Modulation, [columns, rows]: [usiz
     &mut parts[number]
 }
 
-/// Adds what walls and surfaces scatter of the light of lamps whose image is not in the picture.
-fn add_astray(parts: &mut Vec<Part>, system: &System, beams: &[&Beam], film: &Film, size: [usize; 2], bands: usize) {
+/// Adds what walls and surfaces scatter of the light of lamps whose image is not in the picture, each with the fraction that is not; with what surfaces reflect, where no ghosts
+/// hold that.
+fn add_astray(
+    parts: &mut Vec<Part>,
+    system: &System,
+    beams: &[(&Beam, f64)],
+    with_reflections: bool,
+    film: &Film,
+    size: [usize; 2],
+    bands: usize,
+) {
     let Ok(tracers) = BINS_NM
         .iter()
         .map(|nm| GlareTracer::new(system, *nm, DVec2::splat(film.reach().length()), SENSOR_REFLECTANCE))
@@ -288,27 +332,27 @@ fn add_astray(parts: &mut Vec<Part>, system: &System, beams: &[&Beam], film: &Fi
     else {
         return;
     };
-    let all: f64 = beams.iter().map(|b| b.strength()).sum();
+    let all: f64 = beams.iter().map(|(b, part)| b.strength() * part).sum();
     let light: Vec<Raster<f32>> = beams
         .par_iter()
         .enumerate()
-        .map(|(k, beam)| {
-            let rays = ((STRAY_RAYS * beam.strength() / all) as usize).max(LEAST_STRAY_RAYS) / tracers.len();
+        .map(|(k, (beam, part))| {
+            let rays = ((STRAY_RAYS * beam.strength() * part / all) as usize).max(LEAST_STRAY_RAYS) / tracers.len();
             let mut found = vec![];
             for (bin, tracer) in tracers.iter().enumerate() {
                 let of_bin = |counts: &[f64; BINS]| -> f64 {
                     let of_bin = (0..BINS).filter(|i| veil::bin_of(f64::from(bin_nm(*i))) == bin);
                     of_bin.map(|i| counts[i]).sum()
                 };
-                let counts: Vec<f64> = beam.counts.iter().map(of_bin).collect();
+                let counts: Vec<f64> = beam.counts.iter().map(|c| of_bin(c) * part).collect();
                 let arrivals = tracer.stray_rays(&beam.source, (k * tracers.len() + bin) as u64, rays);
-                let scattered = arrivals.into_iter().filter(|a| a.0 == Kind::Scatter);
+                let scattered = arrivals.into_iter().filter(|a| a.0 == Kind::Scatter || with_reflections && a.0 == Kind::Ghost);
                 found.extend(scattered.map(|(_, at, mm2)| (at, counts.iter().map(|c| c * mm2).collect::<Vec<f64>>())));
             }
             veil::of_lamp(film, &found, size, bands)
         })
         .collect();
-    for (beam, light) in beams.iter().zip(&light) {
+    for ((beam, _), light) in beams.iter().zip(&light) {
         let part = part_of(parts, beam.modulation, size, bands);
         part.light.data.iter_mut().zip(&light.data).for_each(|(sum, v)| *sum += v);
     }

@@ -366,3 +366,18 @@ fn ghosts_of_a_large_lamp_have_no_edges_of_its_cells() {
     let (beams, smeared) = (error(&picture(3, false)), error(&picture(3, true)));
     assert!(smeared < 0.6 * beams, "{smeared} {beams}");
 }
+
+#[test]
+fn the_part_of_a_lamp_in_the_picture_is_known_at_its_edge() {
+    let image = |x: f64| BeamGhost { flux_mm2: 2.0, center: DVec2::new(x, 3.0), moments: [0.0; 3], bounds: [DVec2::ZERO; 2] };
+    let on_film = |at: DVec2| at.abs().cmple(DVec2::new(18.0, 12.0)).all();
+    let part = |x: f64, arms| InPicture::of(image(x), arms, on_film);
+    let arms = [DVec2::new(2.0, 0.0), DVec2::new(0.0, -1.0)];
+    // A quarter of it is beyond.
+    let found = part(17.0, arms).unwrap();
+    assert_eq!((found.fraction, found.flux_mm2), (0.75, 1.5));
+    assert!((found.center - DVec2::new(16.5, 3.0)).length() < 1e-12, "{}", found.center);
+    assert_eq!(part(10.0, arms).unwrap().fraction, 1.0);
+    assert!(part(21.0, arms).is_none() && part(18.5, [DVec2::ZERO; 2]).is_none());
+    assert_eq!(part(17.5, [DVec2::ZERO; 2]).unwrap().fraction, 1.0);
+}
