@@ -150,6 +150,9 @@ pub fn add(world: &mut World, kind: &str, prim: &Arc<Prim>, place: &Place) -> Re
             _ => world.is_z_up,
         }
     };
+    if number("shadow:enable", 1.0)? == 0.0 {
+        world.skip_unsupported("lights that throw no shadows");
+    }
     if ies {
         world.skip_unsupported("IES profiles of lights");
     }

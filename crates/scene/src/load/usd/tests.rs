@@ -320,6 +320,14 @@ fn instancers_place_their_prototypes() {
     let Shape::Sphere(s) = d.objects[1].shape else { panic!("a sphere") };
     assert!((s.center - Vec3::new(2.0, 2.0, 10.0)).length() < 1e-3 && (s.radius - 1.0).abs() < 1e-3, "{s:?}");
     assert!(d.warnings.iter().any(|w| w.contains("prototypes that are not there (1)")), "{:?}", d.warnings);
+    // By their own identifiers, which have 64 bits: one invisible, one not active.
+    let d = read(
+        "def PointInstancer \"I\" ( append inactiveIds = [5000000003] ) { rel prototypes = [</I/b>]\nint[] protoIndices = [0, 0, 0]\n\
+        int64[] ids = [5000000001, 5000000002, 5000000003]\nint64[] invisibleIds = [5000000001]\n\
+        point3f[] positions = [(1, 0, 0), (2, 0, 0), (3, 0, 0)]\ndef Sphere \"b\" { double radius = 0.5 } }",
+    );
+    let Shape::Sphere(s) = d.objects[0].shape else { panic!("a sphere") };
+    assert!(d.objects.len() == 1 && (s.center - Vec3::X * 2.0).length() < 1e-6, "{s:?}");
     // An instancer among its own prototypes goes no deeper than is allowed.
     let text = "#usda 1.0\ndef PointInstancer \"I\" { rel prototypes = [</I>]\nint[] protoIndices = [0]\npoint3f[] positions = [(0, 0, 0)] }";
     assert!(load(text.into(), "i.usda", &none).unwrap_err().to_string().contains("instancers within instancers"));
@@ -608,6 +616,8 @@ fn without_a_surface_the_error_says_what_was_left_out() {
 fn shaped_lights_fall_off_with_their_focus_and_cosine() {
     let d = read(&format!(
         "def SphereLight \"f\" {{ float inputs:shaping:focus = 2 }}\n\
+        def SphereLight \"s\" {{ float inputs:shaping:cone:angle = 40\nfloat inputs:shaping:cone:softness = 0.5 }}\n\
+        def SphereLight \"b\" {{ float inputs:shaping:cone:angle = 120 }}\n\
         def DiskLight \"k\" {{ float inputs:shaping:cone:angle = 30\nfloat inputs:diffuse = 0 }}\ndef Mesh \"m\" {{ {QUAD} }}"
     ));
     let at = |name: &str, degrees: f32| {
@@ -617,12 +627,25 @@ fn shaped_lights_fall_off_with_their_focus_and_cosine() {
         web.candela(Vec3::new(0.0, sin, -cos)) / web.peak()
     };
     for (name, degrees, expected) in
-        [("f", 0.0, 1.0), ("f", 60.0, 0.25), ("f", 120.0, 0.0), ("k", 20.0, 0.9397), ("k", 29.9, 0.8669), ("k", 31.0, 0.0)]
+        // A ball shines behind, too; softness is a smooth step over the angle (OpenUSD, `UsdLuxShapingAPI`).
+        [
+            ("f", 0.0, 1.0),
+            ("f", 60.0, 0.25),
+            ("f", 120.0, 0.25),
+            ("s", 19.0, 1.0),
+            ("s", 30.0, 0.5),
+            ("s", 35.0, 0.15625),
+            ("b", 110.0, 1.0),
+            ("b", 130.0, 0.0),
+            ("k", 20.0, 0.9397),
+            ("k", 29.9, 0.8669),
+            ("k", 31.0, 0.0),
+        ]
     {
         assert!((at(name, degrees) - expected).abs() < 1e-3, "{name} {degrees}: {}", at(name, degrees));
     }
     let all = d.warnings.join("\n");
-    assert!(all.contains("diffuse and specular factors of lights (1)") && all.contains("a focus (2)"), "{all}");
+    assert!(all.contains("diffuse and specular factors of lights (1)") && all.contains("a focus (4)"), "{all}");
 }
 
 #[test]

@@ -129,16 +129,19 @@ impl World<'_> {
             _ => Vec2::ONE,
         };
         let flip = Affine2::from_scale_angle_translation(Vec2::new(1.0, -1.0), 0.0, Vec2::Y);
-        let mut fallback = None;
-        let image = match self.input(node, "file")? {
-            Input::Value(Value::Text(file), layer) if !file.is_empty() => self.picture_file(layer, &file),
+        // What the shader itself names for a picture that cannot be read. Source: OpenUSD, `UsdUVTexture`.
+        let said = match self.input(node, "fallback")? {
+            Input::Value(value, _) => four(value).filter(|v| v.is_finite()),
+            _ => None,
+        };
+        let (image, fallback) = match self.input(node, "file")? {
+            Input::Value(Value::Text(file), layer) if !file.is_empty() => match self.picture_file(layer, &file) {
+                Some(image) => (Some(image), None),
+                None => (None, said),
+            },
             _ => {
                 self.skip_unsupported("pictures without a file");
-                fallback = Some(match self.input(node, "fallback")? {
-                    Input::Value(value, _) => four(value).filter(|v| v.is_finite()).unwrap_or(Vec4::W),
-                    _ => Vec4::W,
-                });
-                None
+                (None, Some(said.unwrap_or(Vec4::W)))
             }
         };
         let texture = image.map(|image| Texture {
