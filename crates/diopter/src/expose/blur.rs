@@ -12,10 +12,11 @@ use rayon::prelude::*;
 
 /// Nodes across and down.
 const NODES: [usize; 2] = [33, 25];
-/// Places in the pupil a side: two of each of six cells.
-const SIDE: usize = 12;
-/// Half the distance of the two points of a cell over its length, at which they have its second moment, too (Gauss–Legendre).
-const GAUSS: f32 = 0.288_675_13;
+/// Rings in the pupil, of one area each, and places on each.
+const RINGS: usize = 12;
+const ON_RING: usize = 12;
+/// By how much a ring is turned against the one within it, of the distance of its places.
+const TURN: f32 = 0.618_034;
 /// Smallest cosine to the axis that an opening is divided by: towards the sides of a fisheye a flat pupil would have no area.
 const LEAST_COSINE: f64 = 0.02;
 
@@ -135,6 +136,20 @@ impl Blur {
     }
 }
 
+/// The two numbers by which lenses draw a place of the pupil ([`diopter_light::sampling::disk`]), for the places of rings: with those the second moments of a round pupil are exact.
+fn place(i: usize) -> [f32; 2] {
+    let (ring, k) = (i / ON_RING, i % ON_RING);
+    let radius = ((ring as f32 + 0.5) / RINGS as f32).sqrt();
+    let (y, x) = (std::f32::consts::TAU * (k as f32 + 0.5 + TURN * ring as f32) / ON_RING as f32).sin_cos();
+    // The map of Shirley and Chiu the other way: the longer coordinate is the radius.
+    let shorter = |long: f32, short: f32| (short / long).atan() / std::f32::consts::FRAC_PI_4;
+    let (a, b) = match x.abs() >= y.abs() {
+        true => (radius.copysign(x), radius.copysign(x) * shorter(x, y)),
+        false => (radius.copysign(y) * shorter(y, x), radius.copysign(y)),
+    };
+    [0.5 * (a + 1.0), 0.5 * (b + 1.0)]
+}
+
 fn node(camera: &Camera, at: DVec2) -> Option<Node> {
     let chief_at = |at: DVec2| {
         let ray = camera.lens.chief_ray(camera.film_point(at.x, at.y)).ok()?;
@@ -164,11 +179,8 @@ fn node(camera: &Camera, at: DVec2) -> Option<Node> {
     // The whole pupil.
     let film = camera.film_point(at.x, at.y);
     let (mut weights, mut passed, mut means, mut second_moments) = (0.0, 0.0, [DVec2::ZERO; 2], [DMat2::ZERO; 3]);
-    for i in 0..SIDE * SIDE {
-        let u = [i % SIDE, i / SIDE].map(|k| {
-            let within = if k % 2 == 0 { -GAUSS } else { GAUSS };
-            ((k / 2) as f32 + 0.5 + within) / (SIDE / 2) as f32
-        });
+    for i in 0..RINGS * ON_RING {
+        let u = place(i);
         let Ok(ray) = camera.lens.ray(film, u) else { continue };
         let Some([o, s]) = offset(chief, (ray.origin_mm, ray.direction), axes) else { continue };
         let (o, s) = (pixels * o, pixels * s);
@@ -191,7 +203,7 @@ fn node(camera: &Camera, at: DVec2) -> Option<Node> {
         oo: second_moments[0] - outer(o, o),
         os: second_moments[1] - outer(o, s) - outer(s, o),
         ss: second_moments[2] - outer(s, s),
-        open: weights / (SIDE * SIDE) as f64 / solid_angle / axis_cosine,
+        open: weights / (RINGS * ON_RING) as f64 / solid_angle / axis_cosine,
     })
 }
 
