@@ -190,11 +190,7 @@ impl<'a> Developer<'a> {
         }
         let correction = lens::Correction::new(profile.as_ref(), &recipe.lens, h.cfa.filters());
         if correction.is_none() && recipe.lens != Default::default() {
-            return Err(RecipeError {
-                place: "lens".into(),
-                found: "a correction of a file that does not say what its lens does".into(),
-                expected: "a raw file taken here through a prescription (not an ideal lens, nor one with cylinders)".into(),
-            });
+            return Err(unknown_lens());
         }
         let (before, rest) = match light_field.is_some() {
             true => (&h.opcodes[..0], &h.opcodes[..0]),
@@ -227,9 +223,12 @@ impl<'a> Developer<'a> {
         let resized = swapped(resize::target(shown, &recipe.resize), turned);
         let developer = Developer {
             raw,
-            facts: match &light_field {
-                Some(field) => field.facts_of(&h.facts, &recipe.light_field),
-                None => h.facts.clone(),
+            facts: ExposureFacts {
+                white: white_balance::name_of(&recipe.white, &h.facts.white),
+                ..match &light_field {
+                    Some(field) => field.facts_of(&h.facts, &recipe.light_field),
+                    None => h.facts.clone(),
+                }
             },
             recipe,
             until: Step::Encode,
@@ -542,6 +541,15 @@ impl<'a> Developer<'a> {
             }
         }
         out
+    }
+}
+
+/// The error of a lens correction without anything to correct by.
+pub fn unknown_lens() -> RecipeError {
+    RecipeError {
+        place: "lens".into(),
+        found: "a correction of a file that does not say what its lens does".into(),
+        expected: "a raw file taken here through a prescription (not an ideal lens, nor one with cylinders)".into(),
     }
 }
 

@@ -7,6 +7,7 @@
 
 pub mod denoise;
 pub mod develop;
+mod geometry;
 pub mod light_field;
 mod look;
 pub mod lut;
@@ -18,7 +19,8 @@ pub mod stack;
 pub mod steps;
 
 pub use denoise::denoise;
-pub use develop::{Developer, Step, develop};
+pub use develop::{Developer, Step, develop, unknown_lens};
+pub use geometry::Geometry;
 pub use look::{Baked, bake};
 pub use recipe::*;
 

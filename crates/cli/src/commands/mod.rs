@@ -19,6 +19,7 @@ pub mod quick_look;
 pub mod read_out;
 pub mod rig;
 pub mod scene;
+mod series_calibration;
 pub mod sheet;
 pub mod shoot;
 pub mod stack;

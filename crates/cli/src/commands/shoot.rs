@@ -1,6 +1,7 @@
 //! `shoot`: the whole photograph, or a sequence of them.
 
 use super::exposure_summary::{display, say_ambient, setting};
+use super::series_calibration::SeriesCalibration;
 use super::{print_json, stack};
 use crate::args::Shoot;
 use crate::checkpoint;
@@ -11,7 +12,7 @@ use crate::paint;
 use crate::watch::{self, say, warn, watched};
 use crate::{Stopped, UsageError};
 use anyhow::anyhow;
-use diopter::calibration::{Calibration, Format as CalibrationFormat};
+use diopter::calibration::Format as CalibrationFormat;
 use diopter::focus::Report;
 use diopter::hdr;
 use diopter::image::RawImage;
@@ -20,6 +21,7 @@ use diopter::sensor::ReadOut;
 use diopter::shot::setting::Setting;
 use diopter::shot::{ExposureUse, FireflyChoice, Sequence, Shot};
 use diopter::truth;
+use std::collections::HashSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -122,6 +124,10 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
 
     let mut shot = Shot::prepare(&file, &mut warn)?;
     sequence.check(&shot)?;
+    let is_developed = |path: &PathBuf| output::kind(path).is_ok_and(|kind| kind != Kind::Dng);
+    if pictures.iter().chain(&args.merge).chain(&args.stack).any(is_developed) {
+        shot.check_development()?;
+    }
     // Pictures to look at are without the renderer's noise; raw files and planes are as computed, unless it is asked for.
     let looked_at = |path: &&PathBuf| output::kind(path).is_ok_and(Kind::is_looked_at);
     let kept_files = || file.output.files.iter().chain(&args.merge).chain(&args.stack);
@@ -168,15 +174,20 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     let (mut written, mut all_facts) = (Vec::new(), Vec::new());
     let (mut size, mut expose_s) = ([0, 0], 0.0);
     let mut stopped = None;
-    let mut calibration: Option<Calibration> = None;
+    let mut told = HashSet::new();
+    let mut calibration: Option<SeriesCalibration> = None;
     // Without a picture nothing is exposed.
     let only_calibrations =
         pictures.is_empty() && planes.is_empty() && truths.is_empty() && merged_file.is_none() && stacked_file.is_none();
     for k in 0..count {
         if count > 1 {
-            let mut quiet = |_: &str| ();
-            let told: &mut dyn FnMut(&str) = if k == 0 { &mut warn } else { &mut quiet };
-            sequence.turn(&mut shot, k, told)?;
+            // Of a bracket each picture that does not come out as asked; of thousands of frames the first speaks for all.
+            let is_bracket = matches!(sequence, Sequence::Bracket { .. } | Sequence::Focus { .. });
+            sequence.turn(&mut shot, k, &mut |text| {
+                if (k == 0 || is_bracket) && told.insert(text.to_owned()) {
+                    warn(text);
+                }
+            })?;
         }
         let (pictures, plane_file, truth_file) = match ready.take() {
             Some(files) => files,
@@ -187,14 +198,11 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
             let picture = names.first().map_or_else(unnamed, |n| n[k].clone()).display().to_string();
             match &mut calibration {
                 None => {
-                    let first = shot.calibration(&picture)?;
-                    // What a format cannot say is known before the work.
-                    for format in calibrations.iter().filter_map(|p| calibration_format(p)) {
-                        first.text(format)?;
-                    }
-                    calibration = Some(first);
+                    let files: Vec<_> = calibrations.iter().filter_map(|p| Some((p.clone(), calibration_format(p)?))).collect();
+                    let is_developed = names.first().is_some_and(|n| output::kind(&n[k]).is_ok_and(|kind| kind != Kind::Dng));
+                    calibration = Some(SeriesCalibration::of(&shot, &files, &picture, is_developed, &sequence)?);
                 }
-                Some(whole) => whole.frames.push(shot.calibration_frame(&picture)),
+                Some(whole) => whole.add(&shot, &picture)?,
             }
         }
         if only_calibrations {
@@ -253,9 +261,7 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         }
     }
     if let Some(calibration) = calibration {
-        for (path, output) in calibrations.iter().zip(calibration_files) {
-            let Some(format) = calibration_format(path) else { continue };
-            let text = calibration.text(format)?;
+        for ((path, output), text) in calibrations.iter().zip(calibration_files).zip(calibration.texts()?) {
             written.push(output.commit(|to| Ok(to.write_all(text.as_bytes())?))?);
             say(&format!("wrote {}", path.display()));
         }

@@ -41,6 +41,18 @@ fn at(table: &[f32], x: f32) -> f32 {
     table[i] + (place - i as f32) * (table[i + 1] - table[i])
 }
 
+/// How much of the middle of the straightened picture fills the whole, so that no corner is empty that was not dark before; of lengths in the taken one.
+fn filling(profile: &LensProfile) -> f32 {
+    let edge = profile.reach.min(1.0);
+    (profile.scale * at(&profile.tangents[1], edge / profile.reach) / edge).min(1.0)
+}
+
+/// Focal length of the picture that [`Lens`] makes straight, over half the diagonal of the taken one; `None` where it makes none straight.
+pub fn straight_focal_length(profile: Option<&LensProfile>, settings: &Lens) -> Option<f64> {
+    let profile = profile.filter(|p| settings.distortion && p.is_whole())?;
+    Some(f64::from(profile.scale / filling(profile)))
+}
+
 impl Correction {
     /// `None` where nothing is asked or known.
     pub fn new(profile: Option<&LensProfile>, settings: &Lens, filters: &[Filter]) -> Option<Self> {
@@ -49,9 +61,7 @@ impl Correction {
         let tangent = |channel: usize, height: f32| at(&profile.tangents[channel], height / profile.reach);
         // Height of green light over the tangent of its angle: the scale of the picture in its middle.
         let scale = profile.scale;
-        // As much of the middle as leaves no corner empty that was not dark before.
-        let edge = profile.reach.min(1.0);
-        let fill = (scale * tangent(1, edge) / edge).min(1.0);
+        let fill = filling(profile);
         let height_of = |channel: usize, wanted: f32| {
             // Beyond its reach a table goes on by its last slope: there the lens is dark.
             let (mut low, mut high) = (0.0f32, 3.0);

@@ -54,6 +54,9 @@ pub fn fit(f: &Fit) -> Value {
 
 fn frame(f: &Frame) -> Value {
     let mut value = json!({ "file": f.picture, "at_s": f.at_s, "poses": f.poses.iter().map(pose).collect::<Vec<_>>() });
+    if let Some((own, focus)) = &f.camera {
+        (value["model"], value["focus_distance_m"]) = (model(own), json!(focus));
+    }
     if !f.moving.is_empty() {
         let rows = f.moving.iter().map(|s| [s.time_s, s.at_mm.x, s.at_mm.y, s.picture_px.x, s.picture_px.y]);
         value["stabiliser"] = json!({

@@ -53,9 +53,19 @@ fn distortion(c: &Calibration) -> Result<[f64; 3], CalibrationError> {
     let half_side = 0.5 * c.size[0].min(c.size[1]) as f64;
     let corner = 0.5 * DVec2::new(c.size[0] as f64, c.size[1] as f64).length();
     let focal = c.model.focal().x;
-    let too_wide = || {
-        let found = format!("a picture that sees {:.0}° from its axis", seen(c.fit.as_ref()));
-        wrong("lensfun", found, "less than 85°: fisheyes have no ptlens model")
+    let beyond = |largest: f64| {
+        let seen = seen(c.fit.as_ref()).max(largest.to_degrees());
+        match seen < 85.0 {
+            true => {
+                let found = format!("the model {}, which ends before the corner of the picture", c.model.kind().name());
+                wrong("lensfun", found, "a model that reaches it: choose it by --model of `diopter lens calibrate`")
+            }
+            false => wrong(
+                "lensfun",
+                format!("a picture that sees {seen:.0}° from its axis"),
+                "less than 85°: fisheyes have no ptlens model",
+            ),
+        }
     };
     const COUNT: usize = 100;
     let mut rows = Vec::with_capacity(COUNT);
@@ -63,12 +73,12 @@ fn distortion(c: &Calibration) -> Result<[f64; 3], CalibrationError> {
         let radius = corner * i as f64 / COUNT as f64;
         // Along the diagonal of the pixels' axes both focal lengths count alike.
         let at = c.model.centre() + DVec2::X * radius;
-        let direction = c.model.unproject(at).filter(|d| d.z > 0.087).ok_or_else(too_wide)?;
+        let direction = c.model.unproject(at).filter(|d| d.z > 0.087).ok_or_else(|| beyond(c.model.largest_angle()))?;
         let straight = focal * direction.truncate().length() / direction.z / half_side;
         rows.push((straight, radius / half_side));
     }
     // r_d = d ρ + c ρ² + b ρ³ + a ρ⁴ with ρ = f tan θ over half the side.
-    let p = polynomial(&rows, [1, 2, 3, 4]).ok_or_else(too_wide)?;
+    let p = polynomial(&rows, [1, 2, 3, 4]).ok_or_else(|| beyond(c.model.largest_angle()))?;
     let at = |s: f64| s * (p[0] + s * (p[1] + s * (p[2] + s * p[3])));
     // The unit in which radius 1 stays: d s + c s² + b s³ + a s⁴ = 1, which keeps the height of the picture.
     let (mut low, mut high) = (0.0, 8.0);

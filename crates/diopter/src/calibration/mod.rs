@@ -27,6 +27,7 @@ pub use pose::{Frame, Pose};
 pub use read::{parse_camera, read_camera};
 
 use crate::camera::Camera;
+use diopter_develop::Geometry;
 use diopter_lens::{Lens, Projection};
 use glam::DVec2;
 use std::path::Path;
@@ -157,6 +158,11 @@ impl Format {
         }
     }
 
+    /// Whether it can hold a camera of its own for each picture.
+    pub fn holds_cameras(self) -> bool {
+        matches!(self, Format::Json | Format::Nerfstudio)
+    }
+
     /// Whether it holds poses and models alone, and no tables of pixels.
     pub fn is_text(self) -> bool {
         !matches!(self, Format::StDistort | Format::StUndistort | Format::RayTable)
@@ -168,6 +174,20 @@ impl Format {
 pub fn of_camera(camera: &Camera, kind: Option<ModelKind>, which: PrincipalRay) -> Result<Calibration, CalibrationError> {
     let (lens, film) = (&camera.lens, &camera.film);
     let size = [film.columns, film.rows];
+    if let Lens::Pinhole(hole) = lens {
+        let what = match hole.projection {
+            Projection::Panorama { .. } => Some("a panorama, which looks all around"),
+            Projection::Orthographic { .. } => Some("a parallel projection, which looks one way from everywhere"),
+            Projection::Rectilinear => None,
+        };
+        if let Some(what) = what {
+            return Err(wrong(
+                "calibration",
+                what,
+                "a camera that looks from one point through an image plane: pinhole, thin, a prescription or a fisheye",
+            ));
+        }
+    }
     let own = match lens {
         Lens::Calibrated(ideal) if kind.is_none() && film.center_mm == [0.0; 2] => json::of_ideal(ideal).map(|model| {
             let [w, h] = ideal.grid().size;
@@ -205,8 +225,39 @@ pub fn of_camera(camera: &Camera, kind: Option<ModelKind>, which: PrincipalRay) 
 }
 
 impl Calibration {
+    /// The calibration of the developed picture, for one of what was taken: scaled with it, and straight where its development makes it straight.
+    #[must_use]
+    pub fn developed(mut self, geometry: &Geometry) -> Self {
+        let taken = DVec2::new(self.size[0] as f64, self.size[1] as f64);
+        let scale = DVec2::from(geometry.scale);
+        let straight = geometry.straight.and_then(|focal| {
+            let focal = DVec2::splat(0.5 * focal * taken.length());
+            CameraModel::new(ModelKind::Pinhole, focal, 0.5 * (taken - 1.0), Vec::new()).ok()
+        });
+        if let Some(straight) = straight {
+            (self.model, self.fit) = (straight, None);
+        }
+        self.model = self.model.scaled(scale);
+        if let Some(fit) = &mut self.fit {
+            // A distance in the picture grows with it.
+            let mean = (scale.x * scale.y).sqrt();
+            (fit.model, fit.rms_px, fit.max_px) = (self.model.clone(), fit.rms_px * mean, fit.max_px * mean);
+            fit.map.iter_mut().flatten().for_each(|d| *d *= scale);
+        }
+        self.size = geometry.size;
+        self
+    }
+
     /// The text of a file. Fails on a model that the format cannot say, and on poses where there are none.
     pub fn text(&self, format: Format) -> Result<String, CalibrationError> {
+        let own = self.frames.iter().filter(|f| f.camera.is_some()).count();
+        if own > 0 && !format.holds_cameras() {
+            return Err(wrong(
+                "calibration",
+                format!("{own} pictures with a focus of their own"),
+                "a .json or transforms.json file, which hold a camera for each picture",
+            ));
+        }
         match format {
             Format::Json => Ok(json::write(self)),
             Format::OpenCv => opencv::write(self),
@@ -282,10 +333,48 @@ pub(crate) mod tests {
             frames: vec![Frame {
                 picture: "a.jpg".into(),
                 at_s: 0.0,
+                camera: None,
                 poses: vec![pose("start", 0.0), pose("middle", 0.5), pose("end", 1.0)],
                 moving: Vec::new(),
             }],
         }
+    }
+
+    #[test]
+    fn a_developed_picture_has_a_camera_of_its_own() {
+        let taken = sample(ModelKind::OpenCv5);
+        let geometry = Geometry { size: [480, 160], scale: [0.5, 0.25], straight: None };
+        let small = taken.clone().developed(&geometry);
+        assert_eq!(small.size, [480, 160]);
+        // Corners of pictures stay corners: pixel centres are half a pixel from them.
+        let direction = DVec3::new(0.2, -0.1, 1.0);
+        let (before, after) = (taken.model.project(direction).unwrap(), small.model.project(direction).unwrap());
+        assert!(((before + 0.5) * DVec2::new(0.5, 0.25) - 0.5 - after).length() < 1e-9, "{before} {after}");
+        let straight = taken.developed(&Geometry { size: [960, 640], scale: [1.0, 1.0], straight: Some(1.5) });
+        let half = 0.5 * DVec2::new(960.0, 640.0).length();
+        let expected = DVec2::new(479.5, 319.5) + direction.truncate() * (1.5 * half);
+        assert!((straight.model.project(direction).unwrap() - expected).length() < 1e-9);
+        assert_eq!((straight.model.kind(), straight.fit), (ModelKind::Pinhole, None));
+    }
+
+    #[test]
+    fn pictures_focused_elsewhere_have_cameras_of_their_own_where_a_format_can_say_so() {
+        let mut series = sample(ModelKind::Pinhole);
+        let mut second = series.frames[0].clone();
+        second.camera = Some((series.model.scaled(DVec2::splat(2.0)), Some(1.0)));
+        series.frames.push(second);
+        for (_, format) in Format::NAMES.iter().filter(|n| n.1.is_text()) {
+            let text = series.text(*format);
+            assert_eq!(text.is_ok(), format.holds_cameras(), "{format:?}");
+        }
+        let text: serde_json::Value = serde_json::from_str(&series.text(Format::Nerfstudio).unwrap()).unwrap();
+        let focal = |k: usize| text["frames"][k]["fl_x"].as_f64().unwrap();
+        assert!(text.get("fl_x").is_none() && (focal(1) / focal(0) - 2.0).abs() < 1e-12, "{text}");
+        let text: serde_json::Value = serde_json::from_str(&series.text(Format::Json).unwrap()).unwrap();
+        assert_eq!(
+            (&text["frames"][0]["model"], text["frames"][1]["focus_distance_m"].as_f64()),
+            (&serde_json::Value::Null, Some(1.0))
+        );
     }
 
     #[test]

@@ -12,19 +12,44 @@ const HALF: DVec2 = DVec2::splat(0.5);
 
 /// The text of the file. Fails on a model that nerfstudio does not have, such as opencv8 or double-sphere.
 pub fn write(c: &Calibration) -> Result<String, CalibrationError> {
-    let kind = c.model.kind();
-    let k = |i: usize| c.model.coefficients().get(i).copied().unwrap_or(0.0);
-    let (f, m) = (c.model.focal(), c.model.centre() + HALF);
+    let has_own = c.frames.iter().any(|f| f.camera.is_some());
+    let frames = c.frames.iter().filter_map(|f| {
+        let pose = f.middle()?;
+        let frame = json!({ "file_path": f.picture, "transform_matrix": pose.opengl_rows(), "time": f.at_s + pose.time_s });
+        let own = f.camera.as_ref().map_or(&c.model, |(model, _)| model);
+        // Readers take what stands for all before what stands with a picture: then each has its own.
+        Some(if has_own { intrinsics(c, own).map(|i| joined(frame, i)) } else { Ok(frame) })
+    });
+    let frames = frames.collect::<Result<Vec<Value>, _>>()?;
+    let mut v = match has_own {
+        true => json!({ "camera_model": intrinsics(c, &c.model)?["camera_model"] }),
+        false => intrinsics(c, &c.model)?,
+    };
+    v["frames"] = json!(frames);
+    Ok(format!("{v:#}\n"))
+}
+
+/// The entries of one object and those of another.
+fn joined(mut to: Value, from: Value) -> Value {
+    if let (Value::Object(to), Value::Object(from)) = (&mut to, from) {
+        to.extend(from);
+    }
+    to
+}
+
+/// What says a camera. Fails on a model that nerfstudio does not have.
+fn intrinsics(c: &Calibration, model: &CameraModel) -> Result<Value, CalibrationError> {
+    let k = |i: usize| model.coefficients().get(i).copied().unwrap_or(0.0);
+    let (f, m) = (model.focal(), model.centre() + HALF);
     let [width, height] = c.size;
     let view = |pixels: usize, focal: f64| 2.0 * (0.5 * pixels as f64 / focal).atan();
-    let mut v = json!({
+    let size = json!({
         "fl_x": f.x, "fl_y": f.y, "cx": m.x, "cy": m.y, "w": width, "h": height,
         "camera_angle_x": view(width, f.x), "camera_angle_y": view(height, f.y),
     });
-    let coefficients = match kind {
+    let coefficients = match model.kind() {
         ModelKind::Fisheye | ModelKind::Equidistant => {
-            v["is_fisheye"] = json!(true);
-            json!({ "camera_model": "OPENCV_FISHEYE", "k1": k(0), "k2": k(1), "k3": k(2), "k4": k(3) })
+            json!({ "is_fisheye": true, "camera_model": "OPENCV_FISHEYE", "k1": k(0), "k2": k(1), "k3": k(2), "k4": k(3) })
         }
         ModelKind::Pinhole | ModelKind::SimpleRadial | ModelKind::Radial | ModelKind::OpenCv4 | ModelKind::OpenCv5 => {
             json!({ "camera_model": "OPENCV", "k1": k(0), "k2": k(1), "p1": k(2), "p2": k(3), "k3": k(4) })
@@ -34,15 +59,7 @@ pub fn write(c: &Calibration) -> Result<String, CalibrationError> {
             return Err(c.cannot("transforms.json", models));
         }
     };
-    if let (Value::Object(to), Value::Object(from)) = (&mut v, coefficients) {
-        to.extend(from);
-    }
-    let frames = c.frames.iter().filter_map(|f| {
-        let pose = f.middle()?;
-        Some(json!({ "file_path": f.picture, "transform_matrix": pose.opengl_rows(), "time": f.at_s + pose.time_s }))
-    });
-    v["frames"] = frames.collect();
-    Ok(format!("{v:#}\n"))
+    Ok(joined(size, coefficients))
 }
 
 /// Reads the camera (of the file, or of its first frame).

@@ -24,13 +24,15 @@ pub fn write(c: &Calibration) -> Result<String, CalibrationError> {
     };
     let error = c.fit.as_ref().map_or(String::new(), |fit| format!("avg_reprojection_error: {}\n", number(fit.rms_px)));
     Ok(format!(
-        "%YAML:1.0\n---\nimage_width: {}\nimage_height: {}\ncamera_name: {}\ncamera_matrix: {}\ndistortion_model: {model}\n\
-         distortion_coefficients: {}\nlargest_angle_deg: {}\n{error}",
+        "%YAML 1.0\n---\nimage_width: {}\nimage_height: {}\ncamera_name: {}\ncamera_matrix: {}\ndistortion_model: {model}\n\
+         distortion_coefficients: {}\nrectification_matrix: {}\nprojection_matrix: {}\nlargest_angle_deg: {}\n{error}",
         c.size[0],
         c.size[1],
         quoted(&format!("{}, {}", c.body, c.lens)),
         matrix(3, 3, &[f.x, 0.0, m.x, 0.0, f.y, m.y, 0.0, 0.0, 1.0]),
         matrix(1, k.len(), &k),
+        matrix(3, 3, &[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]),
+        matrix(3, 4, &[f.x, 0.0, m.x, 0.0, 0.0, f.y, m.y, 0.0, 0.0, 0.0, 1.0, 0.0]),
         number(c.model.largest_angle().to_degrees()),
     ))
 }

@@ -6,6 +6,7 @@
 use crate::camera_motion::CameraMotion;
 use crate::moving_part::MovingState;
 use diopter_image::RowTimes;
+use diopter_lens::camera_model::CameraModel;
 use glam::{Affine3A, DAffine3, DMat3, DMat4, DQuat, DVec3};
 
 /// OpenCV's camera axes from OpenGL's, and the other way: y and z turn round.
@@ -46,6 +47,8 @@ pub struct Frame {
     pub picture: String,
     /// Scene time at which the exposure began, s.
     pub at_s: f64,
+    /// Model and distance of the plane in focus (m; `None` for infinity) of this picture, where they are not those of all.
+    pub camera: Option<(CameraModel, Option<f64>)>,
     /// In the order of rows and times; see [`poses`].
     pub poses: Vec<Pose>,
     /// Where what moves against shake stood at equal steps of the exposure; empty where nothing does.
@@ -110,7 +113,7 @@ mod tests {
         assert_eq!(all.len(), 9);
         let last = all[8];
         assert!(last.row == Some(8) && last.when == "end" && (last.world_from_camera.translation.x - 0.9).abs() < 1e-6);
-        let frame = Frame { picture: String::new(), at_s: 0.0, poses: all, moving: Vec::new() };
+        let frame = Frame { picture: String::new(), at_s: 0.0, camera: None, poses: all, moving: Vec::new() };
         assert_eq!(frame.middle().map(|p| (p.row, p.when)), Some((Some(4), "middle")));
         let global = poses(&motion, &RowTimes { open_s: [0.0; 2], close_s: [1.0, 0.0], columns: false }, [16, 9]);
         assert!(global.len() == 3 && global[1].row.is_none() && (global[1].world_from_camera.translation.x - 0.5).abs() < 1e-6);

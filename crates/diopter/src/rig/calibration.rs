@@ -8,6 +8,7 @@ use super::imu::{Imu, nanoseconds};
 use super::path::RigPath;
 use crate::calibration::{self, Calibration, CalibrationError, Format, ModelKind, PrincipalRay, number, numbers, wrong};
 use crate::camera::Camera;
+use diopter_develop::Geometry;
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -67,6 +68,8 @@ pub struct CameraOfRig<'a> {
     pub camera: &'a Camera,
     /// Its own model.
     pub calibration: Calibration,
+    /// Where a development puts what it takes; `None` of raw files.
+    pub geometry: Option<Geometry>,
     /// Its mount; axes of both x right, y up, z backward.
     pub rig_from_camera: DAffine3,
     /// From the time of a frame to the beginning of its exposure, s.
@@ -134,11 +137,17 @@ pub fn stereo(second_from_first: &DAffine3, k: [DMat3; 2]) -> (DMat3, DVec3, DMa
 }
 
 impl CameraOfRig<'_> {
+    /// The calibration with a model of a kind.
+    fn fitted(&self, kind: ModelKind, which: PrincipalRay) -> Result<Calibration, CalibrationError> {
+        let taken = calibration::of_camera(self.camera, Some(kind), which)?;
+        Ok(self.geometry.iter().fold(taken, Calibration::developed))
+    }
+
     /// The calibration with a model that a format can say: its own, or the best of several.
     fn said(&self, format: Format, kinds: &[ModelKind], which: PrincipalRay) -> Result<Calibration, CalibrationError> {
         let own = self.calibration.text(format);
         let Err(cannot) = own else { return Ok(self.calibration.clone()) };
-        let fits = kinds.iter().filter_map(|kind| calibration::of_camera(self.camera, Some(*kind), which).ok());
+        let fits = kinds.iter().filter_map(|kind| self.fitted(*kind, which).ok());
         let rms = |c: &Calibration| c.fit.as_ref().map_or(0.0, |f| f.rms_px);
         let best = fits.min_by(|a, b| rms(a).total_cmp(&rms(b)));
         let best = best.ok_or_else(|| wrong(format!("camera \"{}\"", self.name), cannot.found, cannot.expected))?;
@@ -350,7 +359,7 @@ impl RigCalibration<'_> {
         if own.iter().any(|v| v["camera_model"] != own[0]["camera_model"]) {
             for (value, camera) in own.iter_mut().zip(&self.cameras) {
                 if value["camera_model"] != "OPENCV_FISHEYE" {
-                    let fitted = calibration::of_camera(camera.camera, Some(ModelKind::Fisheye), self.which)?;
+                    let fitted = camera.fitted(ModelKind::Fisheye, self.which)?;
                     let text = fitted.text(Format::Nerfstudio)?;
                     *value = serde_json::from_str(&text).map_err(|e| wrong("transforms.json", e.to_string(), "JSON"))?;
                 }
@@ -382,7 +391,7 @@ impl RigCalibration<'_> {
         let matrix = |name: &str, rows: usize, cols: usize, data: &[f64]| {
             format!("{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {} ]\n", numbers(data, ", "))
         };
-        let mut text = "%YAML:1.0\n---\n".to_owned();
+        let mut text = "%YAML 1.0\n---\n".to_owned();
         let mut k = [DMat3::IDENTITY; 2];
         for (i, at) in [a, b].into_iter().enumerate() {
             let camera = &self.cameras[at];

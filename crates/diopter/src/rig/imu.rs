@@ -6,6 +6,7 @@
 //! Source: IEEE Std 952-1997, annex C; Kalibr wiki, "IMU Noise Model".
 
 use super::path::RigPath;
+use crate::calibration::number;
 use diopter_sensor::noise::{mix, normal_quantile, unit};
 use glam::{DAffine3, DQuat, DVec3};
 use std::fmt::Write;
@@ -95,12 +96,20 @@ impl Imu {
         all
     }
 
-    /// Kalibr's description of the IMU (`imu.yaml`).
+    /// Kalibr's description of the IMU (`imu.yaml`). Numbers without exponents: YAML 1.1, by which Kalibr reads, takes `2e-3` for a text.
     pub fn kalibr(&self) -> String {
+        let all = [self.accel.density, self.accel.random_walk, self.gyro.density, self.gyro.random_walk];
+        // What stands there is what the samples have.
+        let note = if all.contains(&0.0) {
+            "# Kalibr wants numbers above 0 here: those of 0 are of an IMU without this noise.\n"
+        } else {
+            ""
+        };
+        let [accel, accel_walk, gyro, gyro_walk] = all.map(number);
         format!(
-            "accelerometer_noise_density: {:e}\naccelerometer_random_walk: {:e}\ngyroscope_noise_density: {:e}\ngyroscope_random_walk: {:e}\n\
-             rostopic: /imu0\nupdate_rate: {}\n",
-            self.accel.density, self.accel.random_walk, self.gyro.density, self.gyro.random_walk, self.rate_hz
+            "{note}accelerometer_noise_density: {accel}\naccelerometer_random_walk: {accel_walk}\ngyroscope_noise_density: {gyro}\n\
+             gyroscope_random_walk: {gyro_walk}\nrostopic: /imu0\nupdate_rate: {}\n",
+            number(self.rate_hz)
         )
     }
 }
@@ -226,6 +235,19 @@ mod tests {
         let sum: f64 = means.windows(2).map(|w| (w[1] - w[0]).powi(2)).sum();
         // Its own relative error: 1 / √(2 n), somewhat more as neighbours share a mean.
         ((0.5 * sum / n).sqrt(), (1.5 / (2.0 * n)).sqrt())
+    }
+
+    #[test]
+    fn kalibr_reads_all_numbers_as_numbers() {
+        let noise = |density, random_walk| AxisNoise { density, random_walk, turn_on: 0.0 };
+        let text = Imu { accel: noise(2e-3, 3e-5), gyro: noise(1.7e-4, 0.0), ..imu(200.0) }.kalibr();
+        let of = |key: &str| text.lines().find_map(|l| l.strip_prefix(key)?.strip_prefix(": ")).unwrap();
+        let all =
+            ["accelerometer_noise_density", "accelerometer_random_walk", "gyroscope_noise_density", "gyroscope_random_walk"]
+                .map(of);
+        // YAML 1.1 wants a point, and digits alone do not do behind an exponent.
+        assert_eq!((all, of("update_rate")), (["0.002", "0.00003", "0.00017", "0.0"], "200.0"));
+        assert!(text.starts_with("# Kalibr wants numbers above 0"));
     }
 
     #[test]

@@ -225,7 +225,8 @@ impl Rig {
     /// What is known of the cameras, for other programs. `shots`: as [`Rig::shots`] gives them. Fails where no model can be fitted to a lens.
     pub fn calibration<'a>(&'a self, shots: &'a [Shot]) -> Result<RigCalibration<'a>, ShotError> {
         let cameras = self.cameras.iter().zip(shots).map(|(camera, shot)| -> Result<_, CalibrationError> {
-            let calibration: Calibration = shot.calibration("")?;
+            let is_developed = self.picture_ending().is_some_and(|ending| ending != File::Dng.name());
+            let calibration: Calibration = shot.calibration_of("", is_developed, None)?;
             // Of the exposure that was metered; all others are like it.
             let middle = shot.calibration_frame("").middle().map_or(0.0, |p| p.time_s);
             let pictures = self.times_s.iter().enumerate().map(|(k, time_s)| {
@@ -242,6 +243,7 @@ impl Rig {
                 name: &camera.name,
                 camera: &shot.camera,
                 calibration,
+                geometry: is_developed.then(|| shot.geometry()),
                 rig_from_camera: camera.mounted.rig_from_camera,
                 trigger_s: camera.trigger_s,
                 middle_s: middle,
@@ -262,6 +264,15 @@ impl Rig {
     /// Fails as [`Rig::shots`] and `save`, on a span of the IMU outside the path or of too many samples, and with [`ExposeError::Cancelled`].
     pub fn take(&self, watch: &ProgressReporter, warn: &mut dyn FnMut(&str), save: &mut Save) -> Result<TakenRig, ShotError> {
         let mut shots = self.shots(watch, warn)?;
+        if self.picture_ending().is_some_and(|ending| ending != File::Dng.name()) {
+            for (camera, shot) in self.cameras.iter().zip(&shots) {
+                shot.check_development().map_err(|e| ShotError::Entry {
+                    place: format!("camera \"{}\"", camera.name),
+                    found: e.to_string(),
+                    expected: "a development without it, or another lens".into(),
+                })?;
+            }
+        }
         let mut files = Vec::new();
         let mut give = |name: &str, bytes: &[u8], files: &mut Vec<PathBuf>| -> Result<(), ShotError> {
             let path = PathBuf::from(name);

@@ -47,7 +47,7 @@ pub use sources::{is_scene_file, lens_beside, odd_size, read_body, read_environm
 pub use surroundings::daylight;
 pub(crate) use vary::is_of_scene;
 
-use crate::calibration::{self, Calibration, CalibrationError, Frame, PrincipalRay};
+use crate::calibration::{self, Calibration, CalibrationError, Frame, ModelKind, PrincipalRay};
 use crate::camera::Camera;
 use crate::denoising::{Denoise, Filter};
 use crate::expose::Settings;
@@ -55,8 +55,8 @@ use crate::moving_part::MovingState;
 use crate::quantity::SpectralBands;
 use crate::stabiliser::Stabiliser;
 use crate::{lens_profile, recipe_file};
-use diopter_develop::Recipe;
 use diopter_develop::lut::Lut;
+use diopter_develop::{Geometry, Recipe};
 use diopter_image::ExposureFacts;
 use diopter_image::focal_plane::FocalPlaneSource;
 use diopter_lens::{Lens, Projection};
@@ -140,6 +140,8 @@ pub struct Shot {
     baseline_ev: f64,
     /// The same of pictures of half of the photodiodes, which have half of the light, EV.
     half_ev: f64,
+    /// T-number and time that the pictures of an exposure bracket are counted from, while one is taken.
+    bracket_from: Option<(f64, Option<f64>)>,
     /// Whether the light of a scene without a scale has got one.
     light_settled: bool,
     /// Lamps, sky or ground of the scene were placed by where the camera stands.
@@ -271,6 +273,7 @@ impl Shot {
             exposing,
             focusing,
             baseline_ev: 0.0,
+            bracket_from: None,
             half_ev: 0.0,
             light_settled: false,
             lights_follow_camera,
@@ -298,13 +301,38 @@ impl Shot {
         self.timing.at_s
     }
 
-    /// The calibration of the camera as it stands, with its places during this exposure; `picture`: the name of the picture's file. A model is fitted to a
-    /// lens that is none itself. Fails where no model comes near the lens.
+    /// The calibration of the camera as it stands, for what its sensor takes, with its places during this exposure; `picture`: the name of the picture's file. A suitable
+    /// model is fitted to a lens that is none itself. Fails where no model comes near the lens.
     pub fn calibration(&self, picture: &str) -> Result<Calibration, CalibrationError> {
-        let mut calibration = calibration::of_camera(&self.camera, None, PrincipalRay::CHIEF)?;
+        self.calibration_of(picture, false, None)
+    }
+
+    /// The same of what is taken, or of the developed picture (`is_developed`), which may be smaller, and straight where the lens is not; with a model of a kind, where one is asked for.
+    pub fn calibration_of(
+        &self,
+        picture: &str,
+        is_developed: bool,
+        kind: Option<ModelKind>,
+    ) -> Result<Calibration, CalibrationError> {
+        let taken = calibration::of_camera(&self.camera, kind, PrincipalRay::CHIEF)?;
+        let mut calibration = if is_developed { taken.developed(&self.geometry()) } else { taken };
         (calibration.body, calibration.lens) = (self.facts.body.clone(), self.facts.lens.clone());
         calibration.frames = vec![self.calibration_frame(picture)];
         Ok(calibration)
+    }
+
+    /// Where the development puts what the sensor takes.
+    pub fn geometry(&self) -> Geometry {
+        let film = &self.camera.film;
+        Geometry::of(&self.sensor.cfa, [film.columns, film.rows], &self.recipe, self.facts.lens_profile.as_ref())
+    }
+
+    /// Refuses corrections of the lens in a development where nothing is known of what it does. Fails before the exposure as the development would behind it.
+    pub fn check_development(&self) -> Result<(), ShotError> {
+        if self.recipe.lens != Default::default() && self.facts.lens_profile.is_none() {
+            return Err(ShotError::Recipe(diopter_develop::unknown_lens()));
+        }
+        Ok(())
     }
 
     /// Where the camera is during this exposure.
@@ -312,7 +340,7 @@ impl Shot {
         let size = [self.camera.film.columns, self.camera.film.rows];
         let times = self.shutter().facts(size, self.pupil()).rows;
         let poses = calibration::pose::poses(&self.camera.motion, &times, size);
-        Frame { picture: picture.into(), at_s: self.timing.at_s, poses, moving: self.moving_states() }
+        Frame { picture: picture.into(), at_s: self.timing.at_s, camera: None, poses, moving: self.moving_states() }
     }
 
     /// Where what moves against the shake stands at equal steps of this exposure; empty where nothing does.
@@ -372,7 +400,11 @@ fn lens_facts(camera: &Camera, sensor: &Sensor, with_profile: bool) -> ExposureF
         }
         Lens::Calibrated(l) => l.name.clone(),
     };
-    let focal = camera.lens.focal_length().0;
+    let focal = match &camera.lens {
+        // What has no centre of projection, or sees all around, has no focal length that could tell a field of view.
+        Lens::Pinhole(hole) if hole.projection != Projection::Rectilinear => 0.0,
+        lens => lens.focal_length().0,
+    };
     ExposureFacts {
         lens: lens_name,
         focal_length_mm: focal,
