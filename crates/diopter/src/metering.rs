@@ -301,7 +301,7 @@ impl Meter<'_> {
             probe = spot;
         }
         let t_number = camera.lens.t_number();
-        let scale = self.luminance_of_channels(camera, t_number);
+        let scale = self.luminance_of_channels(camera, t_number, white);
         let mut plane = self.probe(scene, &probe, settings, &scale, watch)?;
         plane.mean.data.iter_mut().for_each(|v| *v *= self.filter as f32);
         Ok(self.settle(plane, &probe, &scale, t_number, white))
@@ -334,7 +334,7 @@ impl Meter<'_> {
             let arriving = sky.iter().zip(&on_axis.mean.data);
             seen.iter_mut().zip(arriving).for_each(|(seen, (sky, on_axis))| *seen *= sky / on_axis);
         }
-        Ok(self.settle(seen, &whole, &self.luminance_of_channels(camera, t_number), t_number, white))
+        Ok(self.settle(seen, &whole, &self.luminance_of_channels(camera, t_number, white), t_number, white))
     }
 
     /// Readings of what is seen in a second, each at the exposure that the last one asked for, until two agree. `None` in darkness.
@@ -407,11 +407,17 @@ impl Meter<'_> {
     }
 
     /// cd/m² that an electron a second stands for, a channel each, so that their sum is the luminance: fitted over the patches of a colour
-    /// chart under many lights (least squares of relative errors), because a meter does not know the light it is in.
-    fn luminance_of_channels(&self, camera: &Camera, t_number: f64) -> Vec<f64> {
+    /// chart under many lights (least squares of relative errors), because a meter does not know the light it is in. Channels that see no colours cannot tell lights apart,
+    /// and near infrared is light to them: they read grey in what is `white` as it is, and all else by the electrons that it makes.
+    fn luminance_of_channels(&self, camera: &Camera, t_number: f64, white: &Table) -> Vec<f64> {
         let responses = self.sensor.band_responses();
         let pixel = std::f64::consts::PI / (4.0 * t_number * t_number) * camera.film.pixel_area_mm2 * crate::mount::M2_PER_MM2;
         let n = self.sensor.cfa.channel_count();
+        if self.sensor.cfa.is_colorless() {
+            let shines = |nm: f32| if (380.0..=780.0).contains(&nm) { white.at(nm) } else { 0.0 };
+            let signal = calibration::signals(self.sensor, &responses, &shines) * (pixel / luminance(shines));
+            return (0..n).map(|c| 1.0 / (n as f64 * signal[c])).collect();
+        }
         let (mut squares, mut sums) = (DMat4::ZERO, DVec4::ZERO);
         let lights = LIGHTS.into_iter().filter_map(cie::illuminant).chain(
             WARM_K.map(|kelvin| Table::new(380.0, 5.0, (0..=80).map(|i| blackbody(380.0 + 5.0 * i as f32, kelvin)).collect())),

@@ -76,8 +76,9 @@ pub(crate) fn exif_fields(f: &ExposureFacts) -> Vec<(u16, Field)> {
     }
     if let Some(ev) = f.metered_ev100 {
         fields.push((37379, Field::srational(round(ev - 5.0))));
-        // What was asked for; where everything is set by hand nothing was.
-        fields.push((37380, Field::srational(round(if f.mode == "M" { 0.0 } else { f.compensation_ev }))));
+        // What was asked for; where everything is set by hand nothing was, but by a bracket.
+        let asked = if f.mode == "M" { 0.0 } else { f.compensation_ev };
+        fields.push((37380, Field::srational(round(asked + f.bracket_ev.unwrap_or(0.0)))));
         let pattern = match f.metering.as_str() {
             "" | "average" => 1,
             "centre-weighted" => 2,
@@ -98,6 +99,15 @@ pub(crate) fn exif_fields(f: &ExposureFacts) -> Vec<(u16, Field)> {
         fields.push((34850, Field::short(program)));
         fields.push((37385, Field::short(u16::from(f.flash))));
     }
+    // ExposureMode: automatic, by hand, bracket.
+    let mode = match (f.bracket_ev, f.mode.as_str()) {
+        (Some(_), _) => 2,
+        (None, "M") => 1,
+        (None, _) => 0,
+    };
+    // WhiteBalance: automatic, by hand. SceneCaptureType: standard.
+    let balance = u16::from(f.white != "auto");
+    fields.extend([(41986, Field::short(mode)), (41987, Field::short(balance)), (41990, Field::short(0))]);
     fields.push((37382, Field::rational(f.focus_distance_m.map_or(f64::from(u32::MAX), round))));
     fields.push((37384, Field::short(crate::raw::LightSource::of_illuminant(&f.white).0)));
     if let Some(celsius) = f.temperature_c {

@@ -20,7 +20,7 @@ pub struct ExposureFacts {
     pub serial: String,
     /// Lens.
     pub lens: String,
-    /// Focal length, mm.
+    /// Focal length, mm; 0 of what has none that tells a field of view (panoramas, parallel projection).
     pub focal_length_mm: f64,
     /// Focal length that gives the same diagonal field of view on 36 × 24 mm, mm.
     pub focal_length_35mm_mm: f64,
@@ -44,7 +44,8 @@ pub struct ExposureFacts {
     pub temperature_c: Option<f64>,
     /// Seed of the noise of the read-out; 0 before.
     pub noise_seed: u64,
-    /// Illuminant taken for white; of a plane what the camera was set to, empty when nobody said.
+    /// Illuminant taken for white; of a plane what the camera was set to, of a developed picture what its development took (also `auto`, `patch`); empty when
+    /// nobody said.
     pub white: String,
     /// When it was taken, `YYYY:MM:DD HH:MM:SS`, UTC; `None` when nobody looked at a clock.
     pub date: Option<String>,
@@ -56,6 +57,9 @@ pub struct ExposureFacts {
     pub metering: String,
     /// Exposure compensation asked for, EV.
     pub compensation_ev: f64,
+    /// By how much this picture of an exposure bracket was exposed more than was set, EV; `None` of other pictures.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bracket_ev: Option<f64>,
     /// Neutral density filter before the lens, stops.
     pub nd_stops: f64,
     /// Polarising filter before the lens, as in `linear:30deg`; empty without one.
@@ -125,6 +129,7 @@ impl ExposureFacts {
             mode: String::new(),
             metering: String::new(),
             compensation_ev: 0.0,
+            bracket_ev: None,
             first_sample: 0,
             samples: 0,
             ..self.clone()

@@ -32,9 +32,15 @@ impl LightSource {
     /// Some other light.
     pub const OTHER: LightSource = LightSource(255);
 
-    /// The EXIF number of a CIE illuminant by its name (`D65`, `FL2` ...); [`LightSource::OTHER`] of any other.
+    /// The EXIF number of a CIE illuminant by its name (`D65`, `FL2` ...), or of a balance by its own (`daylight`, `shade` ...); [`LightSource::OTHER`] of any other.
     pub fn of_illuminant(name: &str) -> LightSource {
         LightSource(match name.to_uppercase().as_str() {
+            "DAYLIGHT" => 1,
+            "FLUORESCENT" => 2,
+            "TUNGSTEN" => 3,
+            "FLASH" => 4,
+            "CLOUDY" => 10,
+            "SHADE" => 11,
             "A" => 17,
             "D55" => 20,
             "D65" => 21,

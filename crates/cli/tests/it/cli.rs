@@ -997,8 +997,13 @@ fn calculators_answer_with_published_numbers() {
             < 1e-4
     );
     assert!((number(&["--json", "calc", "fov", "50mm"], "/horizontal_deg") - 39.60).abs() < 0.006);
-    let other = ["--json", "calc", "equivalent-format", "25mm", "f/1.4", "--from", "4/3", "--to", "full frame"];
+    let other =
+        ["--json", "calc", "equivalent-format", "25mm", "f/1.4", "--from", "4/3", "--to", "full frame", "--focus", "1000m"];
     assert!((number(&other, "/focal_length_mm") - 49.98).abs() < 0.01 && (number(&other, "/f_number") - 2.799).abs() < 0.01);
+    // Near the lens: images 150 and 75.01 mm behind it have the same angles, and the same depth of field.
+    let near = ["--json", "calc", "equivalent-format", "100mm", "f/2.8", "--to", "4/3", "--focus", "0.3m"];
+    let depth = |side: &str| number(&near, &format!("/{side}/far_m")) - number(&near, &format!("/{side}/near_m"));
+    assert!((number(&near, "/focal_length_mm") - 60.01).abs() < 0.02 && (depth("from") / depth("to") - 1.0).abs() < 1e-3);
     // A real lens beside it: stopped down it is the thin lens.
     let real = ["--json", "calc", "dof", "--lens", "double-gauss-50mm", "--aperture", "f/8", "--focus", "3m"];
     assert!((number(&real, "/rows/0/traced_near_m") / number(&real, "/rows/0/near_m") - 1.0).abs() < 0.01);

@@ -77,6 +77,11 @@ impl ShotRequest {
         if e.aperture.is_some() && matches!(exposing.mode, Mode::ShutterPriority | Mode::Program) {
             warn(&format!("in mode {} the camera chooses the aperture: the one given is not used", exposing.mode.name()));
         }
+        if exposing.mode == Mode::Manual && exposing.auto_iso.is_none() && exposing.compensation_ev != 0.0 {
+            warn(
+                "in mode M with a set ISO speed nothing follows the meter: the compensation changes nothing; --iso auto lets the speed follow it",
+            );
+        }
         surroundings::check(&file.scene)?;
         Ok(ShotRequest { settings, sensor, exposing, iso, denoise, filter })
     }

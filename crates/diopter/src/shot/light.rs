@@ -1,8 +1,8 @@
 //! Exposure control: metering, the settings that come of it, and the moment.
 
 use super::sequence::Vary;
-use super::timing::Timing;
-use super::{DEFAULT_SEED, Shot, ShotError, lens_facts, long_time, wants_profile, white_point};
+use super::timing::{LONGEST_S, Timing};
+use super::{DEFAULT_SEED, Shot, ShotError, lens_facts, long_time, value, wants_profile, white_point};
 use crate::camera_motion::CameraMotion;
 use crate::expose::ProgressReporter;
 use crate::flash::Flash;
@@ -315,6 +315,40 @@ impl Shot {
                 Ok(())
             }
         }
+    }
+
+    /// Notes what the pictures of an exposure bracket are exposed from; `most_ev`: by how much more the last one is exposed. Fails where it would be open for over a year.
+    pub(super) fn begin_bracket(&mut self, vary: Vary, most_ev: f64) -> Result<(), ShotError> {
+        self.bracket_from = Some((self.facts.t_number, self.shutter));
+        let longest = self.shutter().exposure_s * most_ev.exp2();
+        match vary == Vary::Time && !(longest <= LONGEST_S) {
+            true => Err(value(
+                "bracket",
+                format!("a picture of {longest:.3e} s"),
+                "fewer pictures or smaller steps: none of over a year",
+            )),
+            false => Ok(()),
+        }
+    }
+
+    /// Exposes by so many EV more than where the bracket began. `warn` is told when the lens does not go so far. Fails where the lens cannot be set.
+    pub(super) fn bracket_by(&mut self, ev: f64, vary: Vary, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+        let Some((t_number, shutter)) = self.bracket_from else { return Ok(()) };
+        let reached = match vary {
+            Vary::Aperture => {
+                let now = self.facts.t_number;
+                self.expose_by(ev - 2.0 * (t_number / now).log2(), vary, warn)?;
+                2.0 * (t_number / self.facts.t_number).log2()
+            }
+            Vary::Time => {
+                self.shutter = shutter;
+                self.expose_by(ev, vary, warn)?;
+                ev
+            }
+        };
+        // What rounding leaves of a third of a stop is none.
+        self.facts.bracket_ev = Some((reached * 1e6).round() / 1e6);
+        Ok(())
     }
 
     /// f-number of a T-stop of this lens.

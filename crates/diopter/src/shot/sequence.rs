@@ -210,6 +210,11 @@ impl Sequence {
         match self {
             Sequence::DualPixel => shot.can_split_pixels(),
             Sequence::Staggered { .. } => shot.can_stagger(),
+            Sequence::Focus { count: 2.., .. } if shot.camera.lens.is_sharp_everywhere() => Err(value(
+                "focus_bracket",
+                "a lens that is sharp everywhere",
+                "a lens that focuses: thin, a prescription, or a fisheye with --aperture",
+            )),
             _ => Ok(()),
         }
     }
@@ -254,7 +259,11 @@ impl Sequence {
             Sequence::Bracket { count, step_ev, vary } => {
                 let vary = vary.unwrap_or(shot.varies());
                 let ended = if k == 0 { at } else { at + shot.shutter().total_s() };
-                shot.expose_by(if k == 0 { -0.5 * f64::from(count - 1) * step_ev } else { step_ev }, vary, warn)?;
+                let first = -0.5 * f64::from(count - 1) * step_ev;
+                if k == 0 {
+                    shot.begin_bracket(vary, -first)?;
+                }
+                shot.bracket_by(first + k as f64 * step_ev, vary, warn)?;
                 shot.advance_to(ended, k as u64, warn)
             }
         }

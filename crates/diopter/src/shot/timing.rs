@@ -24,7 +24,7 @@ use std::sync::Arc;
 /// Pulse of a flash at full power: Nikon's SB-700, 1/1042 s (its manual).
 const PULSE_S: f64 = 1.0 / 1042.0;
 /// Most that a time may be, s: over a year.
-const LONGEST_S: f64 = 4e7;
+pub(super) const LONGEST_S: f64 = 4e7;
 
 /// When everything happens.
 #[derive(Clone, Debug)]

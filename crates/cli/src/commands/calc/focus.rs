@@ -81,6 +81,8 @@ fn traced_limits(lens: &CompoundLens, focus_m: f64, circle: f64) -> Option<(f64,
 pub(super) fn metres(m: f64) -> String {
     match m {
         m if m.is_infinite() => "inf".into(),
+        m if m < 0.01 => format!("{:.2} mm", 1000.0 * m),
+        m if m < 1.0 => format!("{m:.4} m"),
         m if m < 10.0 => format!("{m:.3} m"),
         m => format!("{m:.2} m"),
     }
@@ -307,7 +309,16 @@ pub fn field(args: &Field, json: bool) -> anyhow::Result<()> {
 pub fn equivalent(args: &FormatArgs, json: bool) -> anyhow::Result<()> {
     let (from, to) = (format_named(&args.from)?, format_named(&args.to)?);
     let ratio = to.diagonal_mm() / from.diagonal_mm();
-    let (f, n) = (positive("focal length", args.focal_length.0)? * ratio, f_number(args.aperture)? * ratio);
+    let (own, s) = (positive("focal length", args.focal_length.0)?, 1000.0 * args.focus.0);
+    // The distance of the image grows with the format, so that angles stay; the opening stays as wide as it is.
+    let f = match s.is_finite() && s > own {
+        true => {
+            let image = ratio * own * s / (s - own);
+            image * s / (image + s)
+        }
+        false => own * ratio,
+    };
+    let n = f_number(args.aperture)? * f / own;
     let iso = positive("iso", args.iso.0)? * ratio * ratio;
     if !(1000.0 * args.focus.0 > args.focal_length.0.max(f)) {
         return Err(UsageError(anyhow!(
