@@ -1,10 +1,14 @@
 //! This program, run by itself: lessons and sheets show what its commands print.
 
+use crate::{Stopped, watch};
 use anyhow::{Context, anyhow};
 use diopter::lesson::words;
+use std::io::Read;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
+use std::thread::JoinHandle;
+use std::time::Duration;
 
 /// The program that runs.
 pub struct OwnProgram {
@@ -37,12 +41,52 @@ impl OwnProgram {
         if let Some(threads) = self.threads {
             command.arg("--threads").arg(threads.to_string());
         }
-        let done = command.output().with_context(|| self.program.display().to_string())?;
-        if !done.status.success() {
-            let said = String::from_utf8_lossy(&done.stderr);
+        let mut child =
+            command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().with_context(|| self.program.display().to_string())?;
+        let (printed, said) = (read_all(child.stdout.take()), read_all(child.stderr.take()));
+        let mut interrupted = false;
+        let status = loop {
+            if let Some(status) = child.try_wait()? {
+                break status;
+            }
+            // A signal to this process alone does not reach its children.
+            if watch::stopping() && !interrupted {
+                interrupt(&mut child);
+                interrupted = true;
+            }
+            std::thread::sleep(LOOK);
+        };
+        let text = |reader: JoinHandle<Vec<u8>>| String::from_utf8_lossy(&reader.join().unwrap_or_default()).into_owned();
+        let (printed, said) = (text(printed), text(said));
+        if interrupted {
+            return Err(Stopped(format!("stopped in \"diopter {typed}\"")).into());
+        }
+        if !status.success() {
             return Err(anyhow!("\"diopter {typed}\" failed: {}", reason(&said)));
         }
-        Ok(String::from_utf8_lossy(&done.stdout).into_owned())
+        Ok(printed)
+    }
+}
+
+/// How often a running command is looked at.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// All that a pipe brings, read beside the program.
+fn read_all(pipe: Option<impl Read + Send + 'static>) -> JoinHandle<Vec<u8>> {
+    std::thread::spawn(move || {
+        let mut bytes = Vec::new();
+        // What was read before it broke is what there is.
+        let _ = pipe.map(|mut pipe| pipe.read_to_end(&mut bytes));
+        bytes
+    })
+}
+
+/// Asks a child to end as Ctrl-C does, so that it leaves nothing half-written; where there is no such signal it is ended.
+fn interrupt(child: &mut Child) {
+    let asked = cfg!(unix) && Command::new("kill").arg("-INT").arg(child.id().to_string()).status().is_ok_and(|s| s.success());
+    if !asked {
+        // It may have ended by itself.
+        let _ = child.kill();
     }
 }
 

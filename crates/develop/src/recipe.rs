@@ -181,6 +181,24 @@ impl Recipe {
         Recipe { tone, output, grade: Grade::default(), lut: LutStep::default(), sharpen: Sharpen::default(), ..self.clone() }
     }
 
+    /// Settings that change nothing beside others, each with the reason, for who typed them.
+    pub fn without_effect(&self) -> Vec<String> {
+        let mut notes = Vec::new();
+        if let (Some(white), false) = (self.tone.white, self.tone.curve.chooses_white()) {
+            let curve = self.value("tone.curve");
+            notes.push(format!(
+                "tone.white = {white} changes nothing: {curve} has a white of its own; reinhard-extended and hable let one choose"
+            ));
+        }
+        if let Some(edge) = self.resize.long_edge {
+            let beside = [("width", self.resize.width), ("height", self.resize.height)];
+            for (name, length) in beside.into_iter().filter_map(|(name, length)| Some((name, length?))) {
+                notes.push(format!("resize.{name} = {length} changes nothing beside resize.long_edge = {edge}"));
+            }
+        }
+        notes
+    }
+
     /// Fails on a setting that is out of its range, on a white balance of no known name, and on a focus or view of a light field
     /// that cannot be.
     pub fn check(&self) -> Result<(), RecipeError> {
@@ -246,6 +264,18 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn settings_without_effect_are_told() {
+        let told = |settings: &[(&str, &str)]| {
+            let recipe = settings.iter().fold(Recipe::default(), |recipe, (name, value)| recipe.with(name, value).unwrap());
+            recipe.without_effect().join("\n")
+        };
+        assert!(told(&[("tone.white", "4")]).starts_with("tone.white = 4 changes nothing: aces-fit has"));
+        assert_eq!(told(&[("tone.white", "4"), ("tone.curve", "hable"), ("resize.width", "10")]), "");
+        let both = told(&[("resize.height", "10"), ("resize.long_edge", "20")]);
+        assert_eq!(both, "resize.height = 10 changes nothing beside resize.long_edge = 20");
     }
 
     #[test]

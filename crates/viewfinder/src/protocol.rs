@@ -88,8 +88,8 @@ pub fn parse(text: &str) -> Result<Command, Problem> {
     let Some(verb) = value.get("do").and_then(Value::as_str).map(str::to_owned) else {
         return Err(Problem::new("message", excerpt(text), "an object with \"do\", such as {\"do\": \"shoot\"}"));
     };
-    let command: Command =
-        serde_json::from_value(value).map_err(|e| Problem::new(format!("command \"{verb}\""), excerpt(text), e.to_string()))?;
+    let command: Command = serde_json::from_value(value)
+        .map_err(|e| Problem::of_parser(format!("command \"{verb}\""), excerpt(text), &e.to_string()))?;
     let place = match &command {
         Command::Focus { at } | Command::White { at } | Command::Probe { at } => Some(*at),
         _ => None,
@@ -156,8 +156,8 @@ pub fn patched(shot: &ShotFile, patch: &Value) -> Result<ShotFile, Problem> {
             read(&alone).err().map(|e| (path.clone(), value.to_string(), e.to_string()))
         };
         match keys.iter().find_map(one) {
-            Some((place, found, reason)) => Problem::new(place, excerpt(&found), reason),
-            None => Problem::new("set", excerpt(&patch.to_string()), e.to_string()),
+            Some((place, found, reason)) => Problem::of_parser(place, excerpt(&found), &reason),
+            None => Problem::of_parser("set", excerpt(&patch.to_string()), &e.to_string()),
         }
     })
 }
@@ -225,7 +225,12 @@ mod tests {
         let shot = ShotFile::default();
         for (patch, place, words) in [
             (json!({ "exposure": { "iso": 100, "aperture": "wide" } }), "exposure.aperture", "f/2.8"),
-            (json!({ "exposure": { "apertur": "f/2" } }), "exposure.apertur", "unknown field"),
+            (
+                json!({ "exposure": { "apertur": "f/2" } }),
+                "exposure.apertur",
+                "apertur: unknown field `apertur`, expected one of",
+            ),
+            (json!({ "exposure": { "apertur": "f/2" } }), "exposure.apertur", "(did you mean `aperture`?)"),
             (json!({ "focus": { "distance": {} } }), "focus.distance", "2.5m"),
             (json!({ "develop": { "tone": { "curve": "sepia" } } }), "develop.tone.curve", "agx"),
             (json!([1]), "set", "sections"),

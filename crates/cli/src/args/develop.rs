@@ -238,6 +238,7 @@ impl Developing {
             }
         }
         recipe.check()?;
+        recipe.without_effect().iter().for_each(|note| crate::watch::warn(note));
         Ok(())
     }
 }

@@ -198,11 +198,12 @@ fn settings(recipe: &Recipe, json: bool) -> anyhow::Result<()> {
         return print_json(&serde_json::Value::Array(rows));
     }
     let mut out = std::io::stdout();
+    let longest = SETTINGS.iter().map(|s| s.name.len()).max().unwrap_or(0);
     for s in SETTINGS.iter() {
         let unit = if s.unit.is_empty() { String::new() } else { format!(" {}", s.unit) };
         let value = recipe.value(s.name);
         let value = if value.is_empty() { "not set".to_owned() } else { value };
-        writeln!(out, "{:<24}{value}{unit}   ({})\n    {}", s.name, s.allowed, s.why)?;
+        writeln!(out, "{:<longest$} {value}{unit}   ({})\n    {}", s.name, s.allowed, s.why)?;
     }
     writeln!(out, "\npresets: {}", Recipe::PRESETS.join(", "))?;
     Ok(())

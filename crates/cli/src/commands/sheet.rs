@@ -172,7 +172,7 @@ impl Shared {
             }
             false => None,
         };
-        let facts = ExposureFacts { date: None, ..shot.facts() };
+        let facts = ExposureFacts { date: None, ..raw.header.facts.clone() };
         self.last = Some((asked, shot, raw));
         Ok((whole, reduced, facts))
     }

@@ -13,7 +13,7 @@ section! {
         height: Option<u32> = None, "px", Number(1.0, 65_535.0),
             "height";
         long_edge: Option<u32> = None, "px", Number(1.0, 65_535.0),
-            "the longer side";
+            "the longer side; wins over width and height";
     }
 }
 

@@ -85,6 +85,17 @@ fn unknown(name: &str) -> RecipeError {
     }
 }
 
+/// What is taken for white, as the facts of a picture say it: `as_shot`, a name, `patch`.
+pub fn name_of(white: &White, as_shot: &str) -> String {
+    let name = white.balance.trim();
+    match (white.patch, name.to_lowercase().as_str()) {
+        (Some(_), _) => "patch".into(),
+        (None, "as-shot") => as_shot.into(),
+        (None, "auto") => "auto".into(),
+        (None, _) => name.into(),
+    }
+}
+
 /// Fails on a balance of no known name, before any file is read; with a patch the name does not count.
 pub fn check(white: &White) -> Result<(), RecipeError> {
     let name = white.balance.trim();

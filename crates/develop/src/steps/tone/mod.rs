@@ -125,6 +125,13 @@ curves! {
     Hejl = "hejl" => filmic::Hejl,
 }
 
+impl Curve {
+    /// Whether one can choose what luminance it shows as white ([`Tone::white`]).
+    pub fn chooses_white(self) -> bool {
+        matches!(self, Curve::ReinhardExtended | Curve::Hable)
+    }
+}
+
 section! {
     /// Tone curve.
     Tone "tone" {
