@@ -43,7 +43,7 @@ mod tests {
             ("RG/GB", &[][..]),
             ("RG/GB", &[("resize.width", "17")]),
             ("RG/GB", &[("demosaic.method", "half"), ("resize.long_edge", "20")]),
-            ("L", &[("demosaic.method", "half")]),
+            ("mono", &[("demosaic.method", "half")]),
         ] {
             let recipe = settings.iter().fold(Recipe::default(), |r, (name, value)| r.with(name, value).unwrap());
             let raw = crate::tests::raw(61, 40, pattern, |_, _| 500.0);

@@ -272,7 +272,8 @@ impl World<'_> {
         let Some(colors) = self.stage.value(prim, "primvars:displayColor")?.and_then(|v| v.floats()) else { return Ok(None) };
         let indices = self.stage.value(prim, "primvars:displayColor:indices")?.and_then(|v| v.ints());
         let place = match indices.as_deref() {
-            None | Some([]) if colors.len() == 3 => 0,
+            // One for all, however often it is named.
+            _ if colors.len() == 3 => 0,
             Some([one]) => 3 * usize::try_from(*one).unwrap_or(usize::MAX / 3),
             _ => return Ok(None),
         };

@@ -194,6 +194,21 @@ impl Composing {
         self.sites.iter().any(|s| s.stack == stack && s.path == path)
     }
 
+    /// Whether a place lies on the way to a site: it would be come to again.
+    fn leads_to(&self, site: usize, stack: usize, path: &str) -> bool {
+        let mut at = site;
+        loop {
+            let here = &self.sites[at];
+            if here.stack == stack && without_variants(&here.path) == path {
+                return true;
+            }
+            if at == here.parent {
+                return self.sites[site].link.passed(stack, path);
+            }
+            at = here.parent;
+        }
+    }
+
     /// Takes the classes of a kind that the strongest site has.
     fn next_classes(&mut self, kind: Kind) -> Option<(usize, Vec<Arc<str>>)> {
         if !self.classes.iter().any(|c| c.1 == kind) {
@@ -458,8 +473,7 @@ impl Stage<'_> {
         let stack = found.sites[at].stack;
         for (number, class) in classes.iter().enumerate() {
             let path = without_variants(class);
-            let goes_round = without_variants(&found.sites[at].path) == path;
-            if goes_round || found.sites[at].link.passed(stack, &path) || !found.holds(stack, &path) {
+            if found.leads_to(at, stack, &path) || !found.holds(stack, &path) {
                 self.enter(found, at, Way { kind, number, stack, path, shift: TimeShift::NONE })?;
             }
         }
@@ -500,7 +514,7 @@ impl Stage<'_> {
     fn enter(&mut self, found: &mut Composing, at: usize, way: Way) -> Read<()> {
         let Way { kind, number, stack, path, shift } = way;
         let site = &found.sites[at];
-        if site.link.passed(stack, &path) || stack == site.stack && without_variants(&site.path) == path {
+        if found.leads_to(at, stack, &path) {
             return Err(goes_round(&self.layers[self.stacks[stack].layers[0].0].name, &path, &site.path));
         }
         let to = without_variants(&site.path);

@@ -127,7 +127,8 @@ fn times_of_references_are_shifted() {
     let found = stage.attribute(&prim, "v").unwrap().unwrap();
     let times: Vec<f64> = stage.samples(&found).unwrap().unwrap().iter().map(|s| s.0).collect();
     assert_eq!(times, [5.0, 25.0, 45.0]);
-    assert_eq!(number(&mut stage, "/A", "v"), Some(2.0));
+    // A quarter of the way from 25 to 45.
+    assert_eq!(number(&mut stage, "/A", "v"), Some(2.25));
 }
 
 #[test]
