@@ -2,7 +2,7 @@
 
 use diopter_light::{Ray, Spectrum};
 use diopter_scene::material::conductor::FacetBounces;
-use diopter_scene::material::{Conductor, Material, Scattering};
+use diopter_scene::material::{Conductor, Interior, Material, Scattering};
 use diopter_scene::shape::Sphere;
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Immersion, Object, Scene, Shape};
@@ -64,9 +64,10 @@ fn rough_surfaces_are_seen_themselves_and_nothing_behind_glass_is_nothing() {
 #[test]
 fn a_camera_in_water_sees_straight_through_what_has_its_index() {
     let sphere = |radius: f32| Shape::Sphere(Sphere { center: Vec3::ZERO, radius });
+    let interior = Interior::Body { medium: None, priority: Some(0) };
     let scene = Scene::build(Description {
         materials: vec![
-            Material::glass("water", 1.33, None),
+            Material { interior, ..Material::glass("water", 1.33, None) },
             Material::new("red", Scattering::Diffuse(Color::rgb(0.8, 0.1, 0.1))),
         ],
         objects: vec![Object::new("sea", sphere(30.0), 0), Object::new("bag", sphere(1.0), 0), ball("red", 10.0, 1)],
