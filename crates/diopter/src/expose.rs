@@ -390,7 +390,7 @@ impl Exposure<'_> {
             optics,
             starbursts,
             direct: self.direct(),
-            immersion: scene.immersion_at(camera.motion.at(0.0).translation.into()),
+            immersion: truth::immersion(scene, camera),
             cones: PixelCones::of(scene, camera),
             polarized: self.is_polarized(),
             analyzers: response.analyzer_groups(),

@@ -140,8 +140,7 @@ impl Series {
             file.render.seed = Some(seed.wrapping_add(k as u64));
             let differs = match *self {
                 Series::Bracket { count, step_ev } => {
-                    let step = if k == 0 { -0.5 * f64::from(count - 1) * step_ev } else { step_ev };
-                    shot.expose_by(step, vary, &mut |_| ())?;
+                    shot.bracket(k, count, step_ev, vary, &mut |_| ())?;
                     file.exposure.shutter = Some(Seconds(shot.facts().exposure_s));
                     if vary == Vary::Aperture {
                         file.exposure.aperture = Some(FNumber(shot.facts().f_number));

@@ -199,7 +199,7 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
             match &mut calibration {
                 None => {
                     let files: Vec<_> = calibrations.iter().filter_map(|p| Some((p.clone(), calibration_format(p)?))).collect();
-                    let is_developed = names.first().is_some_and(|n| output::kind(&n[k]).is_ok_and(|kind| kind != Kind::Dng));
+                    let is_developed = names.first().is_some_and(|n| is_developed(&n[k]));
                     calibration = Some(SeriesCalibration::of(&shot, &files, &picture, is_developed, &sequence)?);
                 }
                 Some(whole) => whole.add(&shot, &picture)?,

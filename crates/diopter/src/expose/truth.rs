@@ -41,7 +41,7 @@ pub(crate) fn features(scene: &Scene, camera: &Camera, shutter: &Shutter) -> Tru
 }
 
 /// What the camera stands in.
-fn immersion(scene: &Scene, camera: &Camera) -> Immersion {
+pub(super) fn immersion(scene: &Scene, camera: &Camera) -> Immersion {
     scene.immersion_at(camera.motion.at(0.0).translation.into())
 }
 

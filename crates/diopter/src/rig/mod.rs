@@ -225,7 +225,7 @@ impl Rig {
     /// What is known of the cameras, for other programs. `shots`: as [`Rig::shots`] gives them. Fails where no model can be fitted to a lens.
     pub fn calibration<'a>(&'a self, shots: &'a [Shot]) -> Result<RigCalibration<'a>, ShotError> {
         let cameras = self.cameras.iter().zip(shots).map(|(camera, shot)| -> Result<_, CalibrationError> {
-            let is_developed = self.picture_ending().is_some_and(|ending| ending != File::Dng.name());
+            let is_developed = self.shows_developed();
             let calibration: Calibration = shot.calibration_of("", is_developed, None)?;
             // Of the exposure that was metered; all others are like it.
             let middle = shot.calibration_frame("").middle().map_or(0.0, |p| p.time_s);
@@ -260,11 +260,16 @@ impl Rig {
         looked_at.into_iter().find(|f| self.files.contains(f)).map(File::name)
     }
 
+    /// Whether those are developed.
+    fn shows_developed(&self) -> bool {
+        self.picture_ending().is_some_and(|ending| ending != File::Dng.name())
+    }
+
     /// Takes all pictures and gives all files to `save`: calibration and IMU first, then frame by frame. `warn` gets what was found odd. What was given when it fails stays given.
     /// Fails as [`Rig::shots`] and `save`, on a span of the IMU outside the path or of too many samples, and with [`ExposeError::Cancelled`].
     pub fn take(&self, watch: &ProgressReporter, warn: &mut dyn FnMut(&str), save: &mut Save) -> Result<TakenRig, ShotError> {
         let mut shots = self.shots(watch, warn)?;
-        if self.picture_ending().is_some_and(|ending| ending != File::Dng.name()) {
+        if self.shows_developed() {
             for (camera, shot) in self.cameras.iter().zip(&shots) {
                 shot.check_development().map_err(|e| ShotError::Entry {
                     place: format!("camera \"{}\"", camera.name),

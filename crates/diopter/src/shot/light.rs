@@ -296,53 +296,40 @@ impl Shot {
         if self.exposing.mode == Mode::ShutterPriority { Vary::Aperture } else { Vary::Time }
     }
 
-    /// Changes the exposure by so many EV. `warn` is told when the lens does not go so far. Fails where the lens cannot be set.
-    pub fn expose_by(&mut self, ev: f64, vary: Vary, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
-        match vary {
-            Vary::Aperture => {
-                let wanted = self.facts.t_number * (-0.5 * ev).exp2();
-                let [widest, smallest] = self.limits().aperture;
-                if !(widest * 0.999..=smallest * 1.001).contains(&wanted) {
-                    warn(&format!(
-                        "the lens does not go to f/{:.1}: this picture is exposed like another",
-                        self.f_number_of(wanted)
-                    ));
-                }
-                self.set_t_number(wanted.clamp(widest, smallest))
-            }
-            Vary::Time => {
-                self.shutter = self.shutter.map(|t| t * ev.exp2());
-                Ok(())
+    /// Exposes for picture `k` of a bracket of `count`, in steps of so many EV about the setting that stands when the first one is asked for; pictures must be asked for in order, from 0.
+    /// `warn` is told when the lens does not go so far. Fails where the lens cannot be set, and on a bracket with a picture of over a year.
+    pub fn bracket(
+        &mut self,
+        k: usize,
+        count: u32,
+        step_ev: f64,
+        vary: Vary,
+        warn: &mut dyn FnMut(&str),
+    ) -> Result<(), ShotError> {
+        let most = 0.5 * f64::from(count.saturating_sub(1)) * step_ev;
+        if k == 0 {
+            self.bracket_from = Some((self.facts.t_number, self.shutter));
+            let longest = self.shutter().exposure_s * most.exp2();
+            if vary == Vary::Time && !(longest <= LONGEST_S) {
+                let expected = "fewer pictures or smaller steps: none of over a year";
+                return Err(value("bracket", format!("a picture of {longest:.3e} s"), expected));
             }
         }
-    }
-
-    /// Notes what the pictures of an exposure bracket are exposed from; `most_ev`: by how much more the last one is exposed. Fails where it would be open for over a year.
-    pub(super) fn begin_bracket(&mut self, vary: Vary, most_ev: f64) -> Result<(), ShotError> {
-        self.bracket_from = Some((self.facts.t_number, self.shutter));
-        let longest = self.shutter().exposure_s * most_ev.exp2();
-        match vary == Vary::Time && !(longest <= LONGEST_S) {
-            true => Err(value(
-                "bracket",
-                format!("a picture of {longest:.3e} s"),
-                "fewer pictures or smaller steps: none of over a year",
-            )),
-            false => Ok(()),
-        }
-    }
-
-    /// Exposes by so many EV more than where the bracket began. `warn` is told when the lens does not go so far. Fails where the lens cannot be set.
-    pub(super) fn bracket_by(&mut self, ev: f64, vary: Vary, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         let Some((t_number, shutter)) = self.bracket_from else { return Ok(()) };
+        let ev = k as f64 * step_ev - most;
         let reached = match vary {
             Vary::Aperture => {
-                let now = self.facts.t_number;
-                self.expose_by(ev - 2.0 * (t_number / now).log2(), vary, warn)?;
+                let wanted = t_number * (-0.5 * ev).exp2();
+                let [widest, smallest] = self.limits().aperture;
+                if !(widest * 0.999..=smallest * 1.001).contains(&wanted) {
+                    let f_number = self.f_number_of(wanted);
+                    warn(&format!("the lens does not go to f/{f_number:.1}: this picture is exposed like another"));
+                }
+                self.set_t_number(wanted.clamp(widest, smallest))?;
                 2.0 * (t_number / self.facts.t_number).log2()
             }
             Vary::Time => {
-                self.shutter = shutter;
-                self.expose_by(ev, vary, warn)?;
+                self.shutter = shutter.map(|t| t * ev.exp2());
                 ev
             }
         };

@@ -259,11 +259,7 @@ impl Sequence {
             Sequence::Bracket { count, step_ev, vary } => {
                 let vary = vary.unwrap_or(shot.varies());
                 let ended = if k == 0 { at } else { at + shot.shutter().total_s() };
-                let first = -0.5 * f64::from(count - 1) * step_ev;
-                if k == 0 {
-                    shot.begin_bracket(vary, -first)?;
-                }
-                shot.bracket_by(first + k as f64 * step_ev, vary, warn)?;
+                shot.bracket(k, count, step_ev, vary, warn)?;
                 shot.advance_to(ended, k as u64, warn)
             }
         }

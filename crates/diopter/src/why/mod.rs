@@ -30,6 +30,7 @@ use crate::camera_motion::CameraMotion;
 use crate::focus::Report;
 use crate::shot::{Shot, ShotError, value};
 use crate::shutter::Shutter;
+use crate::stops::time_name;
 use blur::{Filters, blur};
 use diopter_develop::Step;
 use diopter_image::ExposureFacts;
@@ -349,11 +350,6 @@ fn strongest_response(shot: &Shot, light: &diopter_light::spectrum::Table) -> di
     responses.swap_remove(best)
 }
 
-/// A time as cameras show it.
-fn time_as_said(s: f64) -> String {
-    if s < 0.3 { format!("1/{:.0} s", 1.0 / s) } else { format!("{s:.2} s") }
-}
-
 /// What is left out at a place.
 fn notes(shot: &Shot, subject: &Subject) -> Vec<String> {
     let mut notes = Vec::new();
@@ -492,7 +488,7 @@ impl Now<'_> {
         if moves && !flash {
             let shorter = timed(0.25);
             let blur = model.blur(subject, model.camera, &shorter, on);
-            let change = format!("a quarter of the time ({})", time_as_said(shorter.exposure_s));
+            let change = format!("a quarter of the time ({})", time_name(shorter.exposure_s));
             advice.extend(self.changed(change, blur, over_now(gathered(model.camera, &shorter)), 0.25 * dark_s, false)?);
         }
         if fraction("motion of the camera") > WORTH_CHANGING {
@@ -504,7 +500,7 @@ impl Now<'_> {
         let lower = self.pixel.reading.iso / 4.0;
         if !model.scene.moves() && model.camera.motion.is_still() && !flash && self.pixel.sensor.at_iso(lower).is_ok() {
             let longer = timed(4.0);
-            let change = format!("four times the time ({}) at ISO {lower:.0}", time_as_said(longer.exposure_s));
+            let change = format!("four times the time ({}) at ISO {lower:.0}", time_name(longer.exposure_s));
             let light = over_now(gathered(model.camera, &longer));
             advice.extend(self.changed(change, Some(*self.all), light, 4.0 * dark_s, false)?);
         }

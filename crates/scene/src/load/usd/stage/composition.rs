@@ -4,7 +4,8 @@
 //! with its name behind them: of one site the arcs rank by their kind, and only then by where they come from. An arc to a prim within others brings what arcs of those lead to. Classes are looked for in the layers
 //! that refer to their own, too, and are stronger there; what is specialised is weaker than all else. Variants are chosen when all other arcs have been followed, by the strongest opinion.
 //!
-//! Source: OpenUSD, "Glossary" (LIVERPS strength ordering, list editing, instanceable) and `PcpPrimIndex`, `PcpCompareSiblingNodeStrength`. We depart from it in that relocates are not followed.
+//! Source: OpenUSD, "Glossary" (LIVERPS strength ordering, list editing, instanceable) and `PcpPrimIndex`, `PcpCompareSiblingNodeStrength`. Relocates are not followed; random
+//! stages in which much is inherited still differ now and then (`validation/usd_composition.py`).
 
 use super::super::error;
 use super::super::layer::{Key, Reference, TimeShift, Value, child_path, without_variants};
