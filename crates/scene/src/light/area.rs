@@ -3,6 +3,7 @@
 //! Sources: Ureña, Fajardo & King 2013, "An Area-Preserving Parametrization for Spherical Rectangles" (EGSR); PBR 6.2.4 and
 //! 12.4 (cone of a sphere). Other parallelograms and triangles are sampled by area.
 
+use super::lanes::{arccosines, square_roots};
 use super::{LightPoint, LightSample, clearance, segment::Pivot, tree::LightBounds};
 use crate::bvh::Bounds;
 use crate::material::{Emission, EmissionColor, Material};
@@ -365,30 +366,6 @@ impl Rectangle {
     }
 }
 
-#[inline]
-fn square_roots(x: Vec4) -> Vec4 {
-    let mut roots = x.to_array();
-    roots.iter_mut().for_each(|x| *x = x.sqrt());
-    Vec4::from(roots)
-}
-
-/// acos of numbers from −1 to 1 (clamped), rad, to 3e-7: four at a time, and the same bits everywhere.
-/// Source: S. Moshier, Cephes library, `asinf.c` (minimax polynomial).
-#[inline]
-fn arccosines(x: Vec4) -> Vec4 {
-    let (half, size) = (Vec4::splat(0.5), x.abs().min(Vec4::ONE));
-    let is_large = size.cmpgt(half);
-    let z = Vec4::select(is_large, half * (Vec4::ONE - size), size * size);
-    let s = Vec4::select(is_large, square_roots(z), size);
-    let series = z * 4.216_32e-2 + 2.418_131_1e-2;
-    let series = (series * z + 4.547_002_6e-2) * z + 7.495_300_3e-2;
-    let arcsine = s + s * z * (series * z + 1.666_675_2e-1);
-    let upright = Vec4::splat(0.5 * PI);
-    // Of the size; beyond a right angle what is left to half a turn.
-    let angle = Vec4::select(is_large, arcsine + arcsine, upright - arcsine);
-    Vec4::select(x.cmplt(Vec4::ZERO), Vec4::splat(PI) - angle, angle)
-}
-
 impl SphericalRectangle {
     /// (α, β) of the rectangle.
     fn sample(&self, u: [f32; 2]) -> Vec2 {
@@ -445,18 +422,6 @@ mod tests {
             sum += (w.z * -q.normal().dot(w) / d2) as f64;
         }
         sum * q.area() as f64 / (n * n) as f64
-    }
-
-    #[test]
-    fn arccosines_are_those_of_the_library() {
-        for i in -1000..=1000 {
-            let x = i as f32 / 1000.0;
-            let found = arccosines(Vec4::new(x, -x, 0.5 * x, 1.001 * x)).to_array();
-            for (found, x) in found.into_iter().zip([x, -x, 0.5 * x, 1.001 * x]) {
-                let exact = f64::from(x).clamp(-1.0, 1.0).acos();
-                assert!((f64::from(found) - exact).abs() < 3e-7, "{x}: {found} {exact}");
-            }
-        }
     }
 
     #[test]

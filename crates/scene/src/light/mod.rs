@@ -3,11 +3,12 @@
 //! [`area`] (emissive triangles, parallelograms, spheres), [`punctual`] (glTF's point, spot and directional lights),
 //! [`photometry`] (measured intensities by direction, IES), [`emitters`] (all that shines by itself, as a camera sees it), [`environment`] (a lat-long map
 //! around everything), [`tree`] (many lights, chosen by what they can contribute), [`segment`] (lights seen from a
-//! ray in a medium).
+//! ray in a medium), [`lanes`] (functions of four numbers at a time).
 
 pub mod area;
 pub mod emitters;
 pub mod environment;
+mod lanes;
 pub mod modulation;
 pub mod photometry;
 pub mod punctual;

@@ -165,7 +165,7 @@ impl EquiAngular {
     /// 2 arctan(k tan(α/2)): the cumulative distribution of the angle α between the ray and the direction to the light, up to a factor.
     fn warped(&self, t: f64) -> f64 {
         let x = self.nearest - t;
-        let r = x.hypot(self.offset);
+        let r = (x * x + self.offset * self.offset).sqrt();
         // tan(α/2) in the form that does not cancel.
         let half = if x > 0.0 { self.offset / (r + x) } else { (r - x) / self.offset };
         2.0 * (self.k * half).atan()

@@ -3,11 +3,18 @@
 //! Source: Conty Estevez & Kulla 2018, "Importance Sampling of Many Lights with Adaptive Tree Splitting" (without the
 //! splitting), in the form of PBR 12.6.3, four children a node. For a segment of a ray in a scattering medium: by what reaches all of it.
 
+use super::lanes::{angles, square_roots};
 use super::segment::Segment;
 use crate::bvh::Bounds;
 use glam::{BVec4A, Vec3, Vec4};
 use std::array::from_fn;
 use std::f32::consts::PI;
+
+/// Square of the angle (rad²) below which directions to a segment are those to its ends.
+const LEAST_ARC2: f32 = 1e-8;
+
+/// Squarings in (1 + x/64)⁻⁶⁴, which stands for e⁻ˣ.
+const SQUARINGS: u32 = 6;
 
 /// What is known of a light or of many: where, which way, how strong.
 #[derive(Clone, Copy, Debug)]
@@ -62,56 +69,6 @@ impl LightBounds {
         self.power * omega * self.bounds.half_area().max(1e-12)
     }
 
-    /// Estimate of what these lights scatter into a segment of a ray, up to a constant factor: ∫ Φ/r² dt is Φ times the angle of the segment over the
-    /// distance from its line (C. Kulla, M. Fajardo 2012), times what extinction leaves on the shortest way.
-    fn importance_along(&self, s: &Segment) -> f32 {
-        let center = self.bounds.center();
-        let radius2 = self.bounds.size().length_squared() * 0.25;
-        let (t, d2) = s.nearest(center);
-        let offset = (d2 + radius2).max(1e-12).sqrt();
-        let angle = s.angle(s.far, t, offset);
-        let at = t.clamp(s.near, s.far);
-        let d2_near = d2 + (t - at) * (t - at);
-        let cos_out = if d2_near <= radius2 || self.cos_spread <= -1.0 {
-            1.0
-        } else {
-            let sin_b = (radius2 / d2_near).sqrt();
-            let cos_b = (1.0 - radius2 / d2_near).sqrt();
-            let cos_w = self.most_toward(s, center);
-            let (cos_x, sin_x) = cos_sin_less((cos_w, sin_of(cos_w)), (self.cos_spread, sin_of(self.cos_spread)));
-            cos_sin_less((cos_x, sin_x), (cos_b, sin_b)).0
-        };
-        if cos_out <= self.cos_emission {
-            return 0.0;
-        }
-        let way = at - s.near + (d2_near.sqrt() - radius2.sqrt()).max(0.0);
-        self.power * cos_out.max(0.0) * angle / offset * (-s.extinction * way).exp()
-    }
-
-    /// Greatest cosine between the axis of the normals and the directions from a point to a segment.
-    fn most_toward(&self, s: &Segment, center: Vec3) -> f32 {
-        let direction_to = |t: f32| match t.is_finite() {
-            true => (s.origin + s.direction * t - center).normalize_or_zero(),
-            false => s.direction,
-        };
-        let (a, b) = (direction_to(s.near), direction_to(s.far));
-        let most = |axis: Vec3| {
-            let ends = axis.dot(a).max(axis.dot(b));
-            // The directions are an arc: the axis may be nearest to a place within it.
-            let turn = a.cross(b);
-            let length2 = turn.length_squared();
-            if length2 < 1e-12 {
-                return ends;
-            }
-            let flat = axis - turn * (axis.dot(turn) / length2);
-            match a.cross(flat).dot(turn) >= 0.0 && flat.cross(b).dot(turn) >= 0.0 {
-                true => flat.length(),
-                false => ends,
-            }
-        };
-        if self.two_sided { most(self.axis).max(most(-self.axis)) } else { most(self.axis) }
-    }
-
     /// Upper estimate of what these lights can contribute at `p` with normal `n`, up to a constant factor: of all, and the plain twin of [`Node::importances`].
     fn importance(&self, p: Vec3, n: Vec3) -> f32 {
         let center = self.bounds.center();
@@ -152,11 +109,6 @@ fn sin_of(cos: f32) -> f32 {
     (1.0 - cos * cos).max(0.0).sqrt()
 }
 
-/// Cosine and sine of max(0, a − b), of angles given so.
-fn cos_sin_less((cos_a, sin_a): (f32, f32), (cos_b, sin_b): (f32, f32)) -> (f32, f32) {
-    if cos_a > cos_b { (1.0, 0.0) } else { (cos_a * cos_b + sin_a * sin_b, sin_a * cos_b - cos_a * sin_b) }
-}
-
 /// The smallest cone around two, as axis and cosine of the half angle.
 fn union_of_cones(a: (Vec3, f32), b: (Vec3, f32)) -> (Vec3, f32) {
     let (ta, tb) = (a.1.clamp(-1.0, 1.0).acos(), b.1.clamp(-1.0, 1.0).acos());
@@ -184,7 +136,6 @@ const NOTHING: u32 = u32::MAX;
 /// Up to four children: lights, or nodes of some. What is known of them for points in the open stands side by side.
 #[derive(Clone, Debug)]
 struct Node {
-    lights: [LightBounds; WIDTH],
     count: usize,
     child: [Child; WIDTH],
     /// Where the parent has this node: [`WIDTH`] times its number, and which child.
@@ -225,47 +176,118 @@ impl Node {
             cos_emission: lanes(&|l| l.cos_emission),
             two_sided: BVec4A::new(two_sided_0, two_sided_1, two_sided_2, two_sided_3),
             power: lanes(&|l| l.power),
-            lights,
         }
     }
 
     /// [`LightBounds::importance`] of each child.
     #[inline]
     fn importances(&self, p: Vec3, n: Vec3) -> Vec4 {
-        let sin_of = |cos: Vec4| (Vec4::ONE - cos * cos).max(Vec4::ZERO).sqrt();
-        let dot = |v: [Vec4; 3], x: Vec4, y: Vec4, z: Vec4| v[0] * x + v[1] * y + v[2] * z;
         let to_point: [Vec4; 3] = from_fn(|k| Vec4::splat(p[k]) - self.center[k]);
-        let [x, y, z] = to_point;
-        let d2_true = dot(to_point, x, y, z);
+        let d2_true = length_squared(&to_point);
         let d2 = d2_true.max(self.radius2).max(Vec4::splat(1e-12));
-        let length = d2_true.sqrt();
-        let inverse = Vec4::select(d2_true.cmpgt(Vec4::ZERO), length.recip(), Vec4::ZERO);
-        let [x, y, z] = to_point.map(|v| v * inverse);
+        let inverse = Vec4::select(d2_true.cmpgt(Vec4::ZERO), square_roots(d2_true).recip(), Vec4::ZERO);
+        let toward = to_point.map(|v| v * inverse);
         // Angle under which the box is seen.
         let inside = d2_true.cmple(self.radius2);
         let seen = self.radius2 * (inverse * inverse);
-        let sin_b = Vec4::select(inside, Vec4::ZERO, seen.sqrt());
-        let cos_b = Vec4::select(inside, Vec4::NEG_ONE, (Vec4::ONE - seen).max(Vec4::ZERO).sqrt());
-        let cos_w = dot(self.axis, x, y, z);
+        let sin_b = Vec4::select(inside, Vec4::ZERO, square_roots(seen));
+        let cos_b = Vec4::select(inside, Vec4::NEG_ONE, square_roots((Vec4::ONE - seen).max(Vec4::ZERO)));
+        let cos_w = dot(&self.axis, &toward);
         let cos_w = Vec4::select(self.two_sided, cos_w.abs(), cos_w);
-        let sin_w = sin_of(cos_w);
-        let within = cos_w.cmpgt(self.cos_spread);
-        let cos_x = Vec4::select(within, Vec4::ONE, cos_w * self.cos_spread + sin_w * self.sin_spread);
-        let sin_x = Vec4::select(within, Vec4::ZERO, sin_w * self.cos_spread - cos_w * self.sin_spread);
+        let (cos_x, sin_x) = self.beyond_spread(cos_w);
         let cos_less = |cos: Vec4, sin: Vec4| Vec4::select(cos.cmpgt(cos_b), Vec4::ONE, cos * cos_b + sin * sin_b);
         let cos_out = cos_less(cos_x, sin_x);
         let mut importance = self.power * cos_out.max(Vec4::ZERO) / d2;
         if n != Vec3::ZERO {
-            let cos_i = (x * n.x + y * n.y + z * n.z).abs();
-            importance *= cos_less(cos_i, sin_of(cos_i)).max(Vec4::ZERO);
+            let cos_i = (toward[0] * n.x + toward[1] * n.y + toward[2] * n.z).abs();
+            importance *= cos_less(cos_i, sines(cos_i)).max(Vec4::ZERO);
         }
         Vec4::select(cos_out.cmpgt(self.cos_emission), importance, Vec4::ZERO)
     }
 
-    /// [`LightBounds::importance_along`] of each child.
-    fn importances_along(&self, segment: &Segment) -> Vec4 {
-        Vec4::from_array(from_fn(|k| if k < self.count { self.lights[k].importance_along(segment) } else { 0.0 }))
+    /// Estimate of what each child scatters into a segment of a ray, up to a constant factor: ∫ Φ/r² dt is Φ times the angle of the segment over the
+    /// distance from its line (C. Kulla, M. Fajardo 2012), times what extinction leaves on the shortest way.
+    fn importances_along(&self, s: &Segment) -> Vec4 {
+        let from: [Vec4; 3] = from_fn(|k| Vec4::splat(s.origin[k]) - self.center[k]);
+        let along = |v: &[Vec4; 3]| v[0] * s.direction.x + v[1] * s.direction.y + v[2] * s.direction.z;
+        let at = |t: Vec4| from_fn(|k| from[k] + t * s.direction[k]);
+        let nearest = -along(&from);
+        let d2 = length_squared(&at(nearest));
+        let offset = square_roots((d2 + self.radius2).max(Vec4::splat(1e-12)));
+        let first = s.near - nearest;
+        let angle = match s.far.is_finite() {
+            true => angles((s.far - s.near) * offset, offset * offset + first * (s.far - nearest)),
+            false => angles(offset, first),
+        };
+        let closest = nearest.clamp(Vec4::splat(s.near), Vec4::splat(s.far));
+        let d2_near = d2 + (nearest - closest) * (nearest - closest);
+        // Angle under which the box is seen from the nearest place.
+        let seen = (self.radius2 / d2_near.max(Vec4::splat(f32::MIN_POSITIVE))).min(Vec4::ONE);
+        let (cos_b, sin_b) = (square_roots(Vec4::ONE - seen), square_roots(seen));
+        let end = match s.far.is_finite() {
+            true => unit(&at(Vec4::splat(s.far))),
+            false => s.direction.to_array().map(Vec4::splat),
+        };
+        let (cos_x, sin_x) = self.beyond_spread(self.most_toward(&unit(&at(Vec4::splat(s.near))), &end));
+        let all_round = d2_near.cmple(self.radius2) | self.cos_spread.cmple(Vec4::NEG_ONE) | cos_x.cmpgt(cos_b);
+        let cos_out = Vec4::select(all_round, Vec4::ONE, cos_x * cos_b + sin_x * sin_b);
+        let way = closest - s.near + (square_roots(d2_near) - square_roots(self.radius2)).max(Vec4::ZERO);
+        let mut lost = Vec4::ONE + way * (s.extinction / (1 << SQUARINGS) as f32);
+        (0..SQUARINGS).for_each(|_| lost *= lost);
+        let importance = self.power * cos_out.max(Vec4::ZERO) * angle / (offset * lost);
+        Vec4::select(cos_out.cmpgt(self.cos_emission), importance, Vec4::ZERO)
     }
+
+    /// Greatest cosine between the axis of the normals of each child and the directions on the arc between two unit directions from it.
+    #[inline]
+    fn most_toward(&self, a: &[Vec4; 3], b: &[Vec4; 3]) -> Vec4 {
+        let (to_a, to_b, between) = (dot(&self.axis, a), dot(&self.axis, b), dot(a, b));
+        let turn = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+        let arc2 = length_squared(&turn);
+        // The axis in the plane of the arc: whether it is on the inner side of both ends, or opposite to that.
+        let (of_a, of_b) = (to_b - between * to_a, to_a - between * to_b);
+        let has_arc = arc2.cmpge(Vec4::splat(LEAST_ARC2));
+        let within = has_arc & of_a.cmpge(Vec4::ZERO) & of_b.cmpge(Vec4::ZERO);
+        let opposite = self.two_sided & has_arc & of_a.cmple(Vec4::ZERO) & of_b.cmple(Vec4::ZERO);
+        let ends = Vec4::select(self.two_sided, to_a.abs().max(to_b.abs()), to_a.max(to_b));
+        let flat = square_roots(to_b * to_b + of_b * of_b / arc2.max(Vec4::splat(LEAST_ARC2)));
+        Vec4::select(within | opposite, flat.min(Vec4::ONE), ends)
+    }
+
+    /// Cosine and sine of the angle by which that of a cosine is beyond the cone of normals; 1 and 0 within.
+    #[inline]
+    fn beyond_spread(&self, cos: Vec4) -> (Vec4, Vec4) {
+        let sin = sines(cos);
+        let within = cos.cmpgt(self.cos_spread);
+        (
+            Vec4::select(within, Vec4::ONE, cos * self.cos_spread + sin * self.sin_spread),
+            Vec4::select(within, Vec4::ZERO, sin * self.cos_spread - cos * self.sin_spread),
+        )
+    }
+}
+
+/// Sines of angles up to half a turn by their cosines.
+#[inline]
+fn sines(cos: Vec4) -> Vec4 {
+    square_roots((Vec4::ONE - cos * cos).max(Vec4::ZERO))
+}
+
+#[inline]
+fn dot(a: &[Vec4; 3], b: &[Vec4; 3]) -> Vec4 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[inline]
+fn length_squared(v: &[Vec4; 3]) -> Vec4 {
+    dot(v, v)
+}
+
+/// Vectors of length 1; 0 stays 0.
+#[inline]
+fn unit(v: &[Vec4; 3]) -> [Vec4; 3] {
+    let d2 = length_squared(v);
+    let inverse = Vec4::select(d2.cmpgt(Vec4::ZERO), square_roots(d2).recip(), Vec4::ZERO);
+    v.map(|v| v * inverse)
 }
 
 /// The tree.
@@ -437,6 +459,79 @@ mod tests {
     use super::*;
     use diopter_light::random::{mix, to_unit};
 
+    impl LightBounds {
+        /// Estimate of what these lights scatter into a segment of a ray, up to a constant factor: ∫ Φ/r² dt is Φ times the angle of the segment over the
+        /// distance from its line (C. Kulla, M. Fajardo 2012), times what extinction leaves on the shortest way. Plain twin of [`Node::importances_along`].
+        fn importance_along(&self, s: &Segment) -> f32 {
+            let center = self.bounds.center();
+            let radius2 = self.bounds.size().length_squared() * 0.25;
+            let (t, d2) = s.nearest(center);
+            let offset = (d2 + radius2).max(1e-12).sqrt();
+            let angle = s.angle(s.far, t, offset);
+            let at = t.clamp(s.near, s.far);
+            let d2_near = d2 + (t - at) * (t - at);
+            let cos_out = if d2_near <= radius2 || self.cos_spread <= -1.0 {
+                1.0
+            } else {
+                let sin_b = (radius2 / d2_near).sqrt();
+                let cos_b = (1.0 - radius2 / d2_near).sqrt();
+                let cos_w = self.most_toward(s, center);
+                let (cos_x, sin_x) = cos_sin_less((cos_w, sin_of(cos_w)), (self.cos_spread, sin_of(self.cos_spread)));
+                cos_sin_less((cos_x, sin_x), (cos_b, sin_b)).0
+            };
+            if cos_out <= self.cos_emission {
+                return 0.0;
+            }
+            let way = at - s.near + (d2_near.sqrt() - radius2.sqrt()).max(0.0);
+            self.power * cos_out.max(0.0) * angle / offset * (1.0 + s.extinction * way / 64.0).powi(-64)
+        }
+
+        /// Greatest cosine between the axis of the normals and the directions from a point to a segment.
+        fn most_toward(&self, s: &Segment, center: Vec3) -> f32 {
+            let direction_to = |t: f32| match t.is_finite() {
+                true => (s.origin + s.direction * t - center).normalize_or_zero(),
+                false => s.direction,
+            };
+            let (a, b) = (direction_to(s.near), direction_to(s.far));
+            let most = |axis: Vec3| {
+                let ends = axis.dot(a).max(axis.dot(b));
+                // The directions are an arc: the axis may be nearest to a place within it.
+                let turn = a.cross(b);
+                let length2 = turn.length_squared();
+                if length2 < LEAST_ARC2 {
+                    return ends;
+                }
+                let flat = axis - turn * (axis.dot(turn) / length2);
+                match a.cross(flat).dot(turn) >= 0.0 && flat.cross(b).dot(turn) >= 0.0 {
+                    true => flat.length(),
+                    false => ends,
+                }
+            };
+            if self.two_sided { most(self.axis).max(most(-self.axis)) } else { most(self.axis) }
+        }
+    }
+
+    impl Node {
+        /// What a child is: its box with the same middle and diagonal.
+        fn alone(&self, k: usize) -> LightBounds {
+            let of = |v: &[Vec4; 3]| Vec3::from_array(v.map(|v| v[k]));
+            let (center, half) = (of(&self.center), Vec3::splat((self.radius2[k] / 3.0).sqrt()));
+            LightBounds {
+                bounds: Bounds { min: center - half, max: center + half },
+                axis: of(&self.axis),
+                cos_spread: self.cos_spread[k],
+                cos_emission: self.cos_emission[k],
+                two_sided: self.two_sided.test(k),
+                power: self.power[k],
+            }
+        }
+    }
+
+    /// Cosine and sine of max(0, a − b), of angles given so.
+    fn cos_sin_less((cos_a, sin_a): (f32, f32), (cos_b, sin_b): (f32, f32)) -> (f32, f32) {
+        if cos_a > cos_b { (1.0, 0.0) } else { (cos_a * cos_b + sin_a * sin_b, sin_a * cos_b - cos_a * sin_b) }
+    }
+
     fn lamps(n: u32) -> Vec<LightBounds> {
         (0..n)
             .map(|i| {
@@ -459,35 +554,51 @@ mod tests {
         }
     }
 
-    #[test]
-    fn four_children_side_by_side_are_as_each_alone() {
+    /// Lamps, and points, spots, a light with a wide cone of normals, one that is large.
+    fn all_kinds() -> Vec<LightBounds> {
         let mut lights = lamps(100);
-        // Points, spots, a light with a wide cone of normals.
         let at = Bounds { min: Vec3::splat(4.0), max: Vec3::splat(4.0) };
         lights.push(LightBounds::new(at, Vec3::Z, PI, PI / 2.0, false, 3.0));
         lights.push(LightBounds::new(at, Vec3::X, 0.0, 0.4, false, 3.0));
         lights.push(LightBounds::new(Bounds { min: Vec3::ZERO, max: Vec3::ONE }, Vec3::X, 1.0, PI / 2.0, true, 3.0));
-        let (tree, _) = Tree::new(&lights);
+        lights
+    }
+
+    fn in_box(i: u32) -> Vec3 {
+        Vec3::from_array(from_fn(|k| to_unit(mix(i * 3 + k as u32)) * 12.0 - 1.0))
+    }
+
+    /// Compares children side by side with each alone; the number of those that contribute.
+    fn compare(node: &Node, lanes: Vec4, alone: impl Fn(&LightBounds) -> f32) -> usize {
+        let lanes = lanes.to_array();
+        assert!(lanes[node.count..].iter().all(|v| *v == 0.0));
         let mut seen = 0;
+        for (k, found) in lanes.into_iter().take(node.count).enumerate() {
+            let light = node.alone(k);
+            let alone = alone(&light);
+            assert!((found - alone).abs() <= 2e-3 * alone.max(1e-3), "{light:?}: {found} {alone}");
+            seen += usize::from(alone > 0.0);
+        }
+        seen
+    }
+
+    #[test]
+    fn four_children_side_by_side_are_as_each_alone() {
+        let (tree, _) = Tree::new(&all_kinds());
+        let mut seen = [0; 2];
         for i in 0..200u32 {
-            let p = Vec3::from_array(std::array::from_fn(|k| to_unit(mix(i * 3 + k as u32)) * 12.0 - 1.0));
+            let p = in_box(i);
             let n = if i % 4 == 0 { Vec3::ZERO } else { Vec3::new(1.0, i as f32 / 100.0 - 1.0, 0.5).normalize() };
+            let direction = (in_box(1000 + i) - p).normalize();
+            let far = [0.05, 4.0, f32::INFINITY][i as usize % 3];
+            let segment =
+                Segment { origin: p, direction, near: 0.02 * (i % 5) as f32, far: far + 0.1, extinction: 0.01 * (i % 7) as f32 };
             for node in &tree.nodes {
-                let lanes = node.importances(p, n).to_array();
-                for k in 0..node.count {
-                    let alone = node.lights[k].importance(p, n);
-                    assert!(
-                        (lanes[k] - alone).abs() <= 2e-3 * alone.max(1e-3),
-                        "{p} {n} {:?}: {} {alone}",
-                        node.lights[k],
-                        lanes[k]
-                    );
-                    seen += usize::from(alone > 0.0);
-                }
-                assert!(lanes[node.count..].iter().all(|v| *v == 0.0));
+                seen[0] += compare(node, node.importances(p, n), |light| light.importance(p, n));
+                seen[1] += compare(node, node.importances_along(&segment), |light| light.importance_along(&segment));
             }
         }
-        assert!(seen > 1000);
+        assert!(seen.iter().all(|n| *n > 1000), "{seen:?}");
     }
 
     #[test]
@@ -525,10 +636,11 @@ mod tests {
         let segment = Segment { origin: Vec3::ZERO, direction: Vec3::X, near: 0.0, far: 4.0, extinction: 0.0 };
         let p = Vec3::new(2.0, 1.0, 0.0);
         let facing = |axis: Vec3, angle: f32| LightBounds::new(Bounds { min: p, max: p }, axis, 0.0, angle, false, 1.0);
-        assert_eq!(facing(Vec3::Y, PI / 2.0).importance_along(&segment), 0.0);
-        // A narrow cone that meets the middle of the segment, but neither of its ends.
-        assert!(facing(Vec3::NEG_Y, 0.2).importance_along(&segment) > 0.0);
-        assert_eq!(facing(Vec3::Z, 0.2).importance_along(&segment), 0.0);
+        // The second: a narrow cone that meets the middle of the segment, but neither of its ends.
+        let lights = [facing(Vec3::Y, PI / 2.0), facing(Vec3::NEG_Y, 0.2), facing(Vec3::Z, 0.2)];
+        let found = Node::new(&lights, NOTHING).importances_along(&segment);
+        assert_eq!([found.x, found.z], [0.0; 2]);
+        assert!(found.y > 0.0);
     }
 
     #[test]
