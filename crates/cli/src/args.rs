@@ -19,10 +19,10 @@ pub use photograph::{Checkpoint, Expose, Raw, Shoot, Taking, TruthLayout, Viewfi
 pub use values::{List, joined_focus};
 
 use crate::commands::lens::LensVerb;
-use crate::memory::Bytes;
 use clap::{Parser, Subcommand};
 use diopter::denoising::Denoise;
 use diopter::files;
+use diopter::memory::Bytes;
 use diopter::quantity::{Distance, FNumber, LengthMm, Seconds, Size};
 use diopter::shot::ShotFile;
 use diopter::shot::flag_values::{degrees_f32, pair};
@@ -315,7 +315,7 @@ pub struct WhichItems {
     #[arg(long, value_name = "N", required_unless_present = "items")]
     pub item: Option<u64>,
     /// How many from --item on; those beyond the last item are left out.
-    #[arg(long, value_name = "N", requires = "item", default_value_t = 1)]
+    #[arg(long, value_name = "N", requires = "item", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
     pub count: u64,
     /// First and one after the last item.
     #[arg(long, value_name = "A..B", conflicts_with = "item", value_parser = items)]

@@ -8,7 +8,7 @@ use crate::expose::{ExposeError, ProgressReporter};
 use crate::npy;
 use crate::program::Mode;
 use crate::quantity::{Iso, IsoChoice, Seconds, Size};
-use crate::shot::{FireflyChoice, Inputs, Shot, ShotError, ShotFile};
+use crate::shot::{ExposureUse, FireflyChoice, Inputs, Shot, ShotError, ShotFile};
 use crate::{denoising::Denoise, files};
 use diopter_sensor::events::{Event, EventCamera, EventSensor};
 use std::path::Path;
@@ -156,6 +156,7 @@ pub fn take(
     let mut shot = Shot::prepare_with(&file, inputs, &mut once)?;
     shot.settings.truth = false;
     shot.fireflies = FireflyChoice::Keep;
+    shot.check_memory(ExposureUse::Plane, None)?;
     let quiet = ProgressReporter { cancel: watch.cancel, progress: &|_| () };
     shot.focus(&quiet, &mut once)?;
     shot.meter(&quiet, &mut once)?;

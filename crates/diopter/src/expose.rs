@@ -35,7 +35,7 @@ pub use paged::{ExposedPaged, ExposedRows};
 pub use response::{Analyzer, Response};
 pub use settings::{Half, Integrator, Settings};
 pub use sums::{Sums, SumsCallback};
-pub(crate) use truth::features;
+pub(crate) use truth::{features, object_names};
 
 use crate::camera::Camera;
 use crate::row_store::{PagedRows, RowStore};

@@ -26,6 +26,7 @@ pub mod iso;
 pub mod lens_profile;
 pub mod lesson;
 pub mod measure;
+pub mod memory;
 pub mod metering;
 mod mount;
 pub mod moving_part;

@@ -422,7 +422,7 @@ pub static CHANNELS: [Channel; 22] = [
         missing: 0.0,
         needs_frames: false,
         needs_pupil: false,
-        about: "number of the object's class, in the order of their names, plus one; 0 where nothing is hit",
+        about: "number of the object's class plus one, those of a table first, in its order, then others in order of their names; 0 where nothing is hit",
     },
 ];
 

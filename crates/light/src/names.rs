@@ -54,6 +54,9 @@ pub fn in_words(message: &str) -> String {
     if let Some(words) = TYPES.iter().find(|t| t.0 == expected).map(|t| t.1) {
         return format!("{before}, expected {words}");
     }
+    if expected.starts_with("struct ") {
+        return format!("{before}, expected a table of settings");
+    }
     match expected.strip_prefix("an array of length ") {
         Some(count) => format!("{before}, expected {count} values in brackets"),
         None => message.to_owned(),
@@ -82,6 +85,10 @@ mod tests {
                 "unknown variant `agz`, expected `agx` or `hejl` (did you mean `agx`?)",
             ),
             ("unknown field `zzz`, expected `aperture`", "unknown field `zzz`, expected `aperture`"),
+            (
+                "invalid type: string \"x.dng\", expected struct OutputSection",
+                "invalid type: string \"x.dng\", expected a table of settings",
+            ),
             ("duplicate key", "duplicate key"),
         ] {
             assert_eq!(in_words(said), told);

@@ -82,6 +82,12 @@ impl ClassTable {
 
     /// Gives the objects of a scene their classes. Lines that no object matches (number and pattern) are returned.
     pub fn apply(&self, d: &mut Description) -> Vec<(usize, String)> {
+        d.listed_classes.clear();
+        for rule in &self.rules {
+            if !d.listed_classes.contains(&rule.class) {
+                d.listed_classes.push(rule.class.clone());
+            }
+        }
         let mut used = vec![false; self.rules.len()];
         for object in &mut d.objects {
             let material = d.materials.get(object.material as usize).map_or("", |m| m.name.as_str());
@@ -145,6 +151,7 @@ mod tests {
         let text = format!("# classes\n\n{name}, first\nmaterial:{material}, by material\n*, thing\nnobody, x\n");
         let unused = ClassTable::parse(&text).unwrap().apply(&mut d);
         assert_eq!(unused, [(6, "nobody".into())]);
+        assert_eq!(d.listed_classes, ["first", "by material", "thing", "x"].map(std::sync::Arc::from));
         assert_eq!(d.objects[0].class.as_deref(), Some("first"));
         assert_eq!(d.objects[1].class.as_deref(), Some("by material"));
         assert!(d.objects.iter().all(|o| o.class.is_some()));

@@ -49,7 +49,7 @@ impl Format {
     /// A format by name or as width × height in mm: "36x24".
     pub fn parse(text: &str) -> Option<Format> {
         Format::named(text).or_else(|| {
-            let (w, h) = text.trim().trim_end_matches("mm").split_once('x')?;
+            let (w, h) = text.trim().trim_end_matches("mm").split_once(['x', 'X', '×'])?;
             let side = |s: &str| s.trim().parse::<f64>().ok().filter(|v| *v > 0.0 && *v <= 1000.0);
             Some(format(&[], side(w)?, side(h)?))
         })

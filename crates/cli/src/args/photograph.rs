@@ -3,9 +3,9 @@
 use super::values::checkpoint;
 use super::{Developing, shot_of};
 use crate::effect::Typed;
-use crate::memory::Bytes;
 use clap::ValueEnum;
 use diopter::image::dng::Storage;
+use diopter::memory::Bytes;
 use diopter::quantity::SpectralBands;
 use diopter::sheet::Axis;
 use diopter::shot::ShotFile;

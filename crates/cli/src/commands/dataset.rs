@@ -3,11 +3,11 @@
 use super::print_json;
 use crate::UsageError;
 use crate::args::{DatasetVerb, WhichItems};
-use crate::memory::Bytes;
 use crate::output::{self, Output};
 use crate::watch::{say, warn, watched};
 use anyhow::anyhow;
 use diopter::dataset::{Dataset, Folder, job};
+use diopter::memory::Bytes;
 use diopter::quantity::Seconds;
 use diopter::shot::ShotError;
 use std::collections::HashSet;
@@ -100,7 +100,7 @@ fn item(spec: &Path, which: &WhichItems, folder: &Path, json: bool) -> anyhow::R
         (Some([first, end]), _) => first..end,
         (None, first) => {
             let first = first.unwrap_or_default();
-            first..first.saturating_add(which.count.max(1)).min(all.max(first.saturating_add(1)))
+            first..first.saturating_add(which.count).min(all.max(first.saturating_add(1)))
         }
     };
     if range.end > all {

@@ -13,6 +13,7 @@ use crate::watch::{self, say, warn, watched};
 use anyhow::{Context, anyhow};
 use diopter::develop::Developer;
 use diopter::image::{ExposureFacts, FocalPlane, Picture, PictureSource, RawImage};
+use diopter::memory::Bytes;
 use diopter::metering::ev100_of_setting;
 use diopter::sheet::{Cells, SheetFile, Table};
 use diopter::shot::{ExposureUse, FireflyChoice, Inputs, SceneCache, Sequence, Shot, ShotError, ShotFile};
@@ -64,7 +65,7 @@ fn make(
     cells: &Cells,
     folder: Option<&Path>,
     outputs: Vec<(Kind, Output)>,
-    max_memory: Option<memory::Bytes>,
+    max_memory: Option<Bytes>,
     json: bool,
 ) -> anyhow::Result<()> {
     let started = Instant::now();
@@ -122,7 +123,7 @@ struct Shared {
     last: Option<(ShotFile, Shot, RawImage)>,
     /// How many were exposed.
     exposures: usize,
-    max_memory: Option<memory::Bytes>,
+    max_memory: Option<Bytes>,
 }
 
 impl Shared {

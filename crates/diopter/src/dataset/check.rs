@@ -1,5 +1,6 @@
 //! Whether items can be taken, before any is: shots that show it are prepared (scene, body, lens, every setting) and not exposed.
 
+use super::item::{self, File};
 use super::rule::numbers;
 use super::{Dataset, Setting};
 use crate::expose::{ExposeError, ProgressReporter};
@@ -27,8 +28,11 @@ impl Dataset {
                 return Err(ExposeError::Cancelled.into());
             }
             (watch.progress)(done as f64 / items.len() as f64);
-            let prepared = self.prepared(*item, &mut scenes, warn);
-            prepared.map_err(|e| self.of_item(*item, e))?;
+            let mut tried = self.prepared(*item, &mut scenes, warn).map(|(shot, ..)| shot);
+            if self.files.contains(&File::Calibration) {
+                tried = tried.and_then(|shot| item::calibration(&shot, &self.files, "").map(|_| shot));
+            }
+            tried.map_err(|e| self.of_item(*item, e))?;
         }
         Ok(items.len())
     }
@@ -114,13 +118,17 @@ mod tests {
             (vary("lens", "values = [\"thin\", \"double-gauss-51mm\"]"), "did you mean \"double-gauss-50mm\"?"),
             (vary("body", "choice = [\"ideal\", \"nikon-d851\"]"), "did you mean \"nikon-d850\"?"),
             (vary("focal-length", "values = [\"50 mm\", \"0 mm\"]"), "focal length 0 mm"),
-            (vary("fps", "values = [30]"), "item 000000 (fps 30): fps 30: expected frames beside it"),
+            (vary("fps", "values = [30, -1]"), "item 000001 (fps -1): fps -1: expected above 0"),
             // Some of what is drawn is beyond what the body has: the largest is tried.
             (vary("iso", "range = [100, 1000000]"), "expected 100 to 6400 on"),
             // Each goes with the other's first value, but not both with their last.
             (
                 lists("[100, 650]", "[\"ideal\", \"imx249\"]"),
                 "item 000002 (iso 100, body imx249): ISO 100: expected 650, the only speed of",
+            ),
+            (
+                format!("items = 2\n{SHOT}camera.lens = \"panorama\"\n[write]\nfiles = [\"calibration.json\"]\n"),
+                "item 000000: panorama",
             ),
             (format!("items = 2\n{}", SHOT.replace("24x16", "0x16")), "spec.toml: item 000000: size 0x16: expected 1 to"),
         ] {

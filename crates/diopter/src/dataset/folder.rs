@@ -4,22 +4,27 @@
 //! that a run that was killed goes on where it was, and several processes can work on one folder. What is packed depends on the specification
 //! alone; two processes that make the same item or shard write the same bytes.
 
-use super::item::json_of;
+use super::kind::Kind;
 use super::sha256::{self, Hashing};
 use super::{Dataset, Layout, parquet, tar};
 use crate::expose::{ExposeError, ProgressReporter};
+use crate::files;
 use crate::shot::{SceneCache, ShotError};
 use serde_json::{Map, Value, json};
+use std::collections::{HashMap, HashSet};
 use std::fs::{self, File, OpenOptions};
 use std::hash::{BuildHasher, Hasher};
 use std::io::{self, BufReader, BufWriter, Write};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 /// Folder of what is not packed yet.
 pub(super) const PARTS: &str = "parts";
 const CARD: &str = "card.json";
+const SUMS: &str = "SHA256SUMS";
+/// Ending of files that are JSON and no row of the table.
+const CALIBRATION: &str = ".calibration.json";
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// A shard and its items.
@@ -48,10 +53,29 @@ pub struct Folder {
     dataset: Arc<Dataset>,
     path: PathBuf,
     shards: Vec<Shard>,
+    /// Files that the specification names, with their check sums when this folder was opened.
+    inputs: Vec<Value>,
+    /// Shards that were packed since.
+    packed: Mutex<HashSet<String>>,
 }
 
-fn failed(path: &Path, e: impl std::fmt::Display) -> ShotError {
-    ShotError::Read { path: path.display().to_string(), reason: e.to_string() }
+/// What was read of the files of a shard.
+#[derive(Default)]
+struct ReadBack {
+    rows: Vec<Map<String, Value>>,
+    /// Check sums and names of files.
+    sums: Vec<(String, String)>,
+    told: Vec<Value>,
+}
+
+/// A file that a specification names, with its check sum; `None` of one that cannot be read.
+fn input(set: &Dataset, name: &str) -> Option<Value> {
+    let file = File::open(set.folder.join(name)).map(|f| Hashing::new(BufReader::with_capacity(1 << 20, f)));
+    file.and_then(Hashing::finish).ok().map(|(sum, bytes)| json!({ "name": name, "bytes": bytes, "sha256": sum }))
+}
+
+fn failed(path: &Path, e: io::Error) -> ShotError {
+    ShotError::Read { path: path.display().to_string(), reason: files::in_words(path, e).to_string() }
 }
 
 impl Folder {
@@ -63,14 +87,15 @@ impl Folder {
     /// Takes a folder for a data set, which is made if it is not there. Fails where something else lies in it: another data set, or the same by another
     /// version of diopter.
     pub fn open(dataset: Arc<Dataset>, path: &Path) -> Result<Folder, ShotError> {
-        let folder = Folder { shards: dataset.shards(), dataset, path: path.to_owned() };
+        let inputs = dataset.named_files().iter().filter_map(|name| input(&dataset, name)).collect();
+        let folder = Folder { shards: dataset.shards(), dataset, path: path.to_owned(), inputs, packed: Mutex::default() };
         let place = path.display().to_string();
         let entry = |found: String, expected: String| Err(ShotError::Entry { place: place.clone(), found, expected });
         let card = path.join(CARD);
         match fs::read_to_string(&card) {
             Ok(text) => {
-                let told: Value =
-                    serde_json::from_str(&text).map_err(|e| failed(&card, format!("no card of a data set: {e}")))?;
+                let told: Value = serde_json::from_str(&text)
+                    .map_err(|e| failed(&card, io::Error::other(format!("no card of a data set: {e}"))))?;
                 if told["specification_sha256"] != json!(sha256::of_bytes(folder.dataset.text.as_bytes())) {
                     let name = told["name"].as_str().unwrap_or_default();
                     return entry(
@@ -82,6 +107,12 @@ impl Folder {
                     return entry(
                         format!("a data set of diopter {}", told["diopter"]),
                         format!("an empty folder: this is diopter {VERSION}"),
+                    );
+                }
+                if let Some(name) = folder.changed_input(&told) {
+                    return entry(
+                        format!("items that were made with another \"{name}\" than the one that is there now"),
+                        "the file as it was when the data set was begun, or an empty folder".into(),
                     );
                 }
             }
@@ -101,6 +132,20 @@ impl Folder {
         Ok(folder)
     }
 
+    /// A file that the specification names and that is not what a card tells.
+    fn changed_input(&self, card: &Value) -> Option<String> {
+        let begun_with = card["inputs"].as_array()?;
+        let of = |name: &Value| begun_with.iter().find(|input| input["name"] == *name);
+        let changed = self.inputs.iter().find(|input| of(&input["name"]).is_some_and(|then| then != *input))?;
+        changed["name"].as_str().map(str::to_owned)
+    }
+
+    /// Check sums of a finished data set, by file; empty before the end.
+    fn known_sums(&self) -> HashMap<String, String> {
+        let text = fs::read_to_string(self.path.join(SUMS)).unwrap_or_default();
+        text.lines().filter_map(|line| line.split_once("  ")).map(|(sum, name)| (name.to_owned(), sum.to_owned())).collect()
+    }
+
     fn part(&self, item: u64) -> PathBuf {
         self.path.join(PARTS).join(format!("{}.tar", self.dataset.key(item)))
     }
@@ -108,7 +153,7 @@ impl Folder {
     /// Whether the packed files of an item are there.
     fn is_packed(&self, shard: &Shard, item: u64) -> bool {
         let in_shard = || self.path.join(&shard.name).is_file();
-        let in_folder = || self.path.join(&shard.split).join(format!("{}.json", self.dataset.key(item))).is_file();
+        let in_folder = || self.folder_has(shard, item);
         match self.dataset.layout {
             Layout::Shards => in_shard(),
             Layout::Folders => in_folder(),
@@ -198,10 +243,11 @@ impl Folder {
             for item in shard.items.iter().filter(|i| !self.folder_has(shard, **i)) {
                 let archive = self.read_part(*item)?;
                 let (mut files, mut last) = (Vec::new(), None);
-                self.each_file(*item, &archive, |name, bytes| match name.ends_with(".json") {
+                self.each_file(*item, &archive, |name, bytes| match name.ends_with(".json") && !name.ends_with(CALIBRATION) {
                     true => last = Some((name.to_owned(), bytes.to_vec())),
                     false => files.push((name.to_owned(), bytes.to_vec())),
                 })?;
+                self.packed.lock().unwrap_or_else(|e| e.into_inner()).insert(format!("{}/{item}", shard.split));
                 for (name, bytes) in files.into_iter().chain(last) {
                     self.write_as(&self.path.join(&shard.split).join(name), |to| to.write_all(&bytes))?;
                 }
@@ -219,12 +265,15 @@ impl Folder {
                 }
                 to.write_all(&tar::end())
             })?;
+            self.packed.lock().unwrap_or_else(|e| e.into_inner()).insert(shard.name.clone());
         }
         shard.items.iter().try_for_each(|i| self.remove(&self.part(*i)))
     }
 
+    /// Whether all files of an item lie in the folder of its part.
     fn folder_has(&self, shard: &Shard, item: u64) -> bool {
-        self.path.join(&shard.split).join(format!("{}.json", self.dataset.key(item))).is_file()
+        let (folder, key) = (self.path.join(&shard.split), self.dataset.key(item));
+        self.dataset.endings().iter().all(|ending| folder.join(format!("{key}.{ending}")).is_file())
     }
 
     fn read_part(&self, item: u64) -> Result<Vec<u8>, ShotError> {
@@ -249,7 +298,7 @@ impl Folder {
             let part = self.part(item);
             // Then it is made again; a file that cannot be removed is told the next time.
             let _ = fs::remove_file(&part);
-            failed(&part, format!("{e}; it was removed: diopter dataset make makes it again"))
+            failed(&part, io::Error::other(format!("{e}; it was removed: diopter dataset make makes it again")))
         })
     }
 
@@ -260,53 +309,43 @@ impl Folder {
         }
     }
 
-    /// Packs what is not packed, and writes the table, the check sums and the card. Fails where items are missing.
+    /// Packs what is not packed, and writes the table, the check sums and the card. Fails where items are missing, and on files that are damaged: cut off, or of a finished data set with
+    /// other bytes than its check sums tell (what this process packed anew counts as it is).
     pub fn finish(&self) -> Result<Made, ShotError> {
         self.shards.iter().try_for_each(|s| self.pack(s))?;
+        let known = self.known_sums();
+        let packed = self.packed.lock().unwrap_or_else(|e| e.into_inner()).clone();
         let mut table = parquet::Table::default();
         let mut sums = Vec::new();
         let mut told = Vec::new();
         let metadata = self.path.join("metadata.jsonl");
-        self.write_as(&metadata, |to| {
+        // What is wrong with what was packed, told of itself.
+        let mut fault = None;
+        let written = self.write_as(&metadata, |to| {
             for shard in &self.shards {
-                let mut rows = Vec::new();
-                let mut row = |bytes: &[u8]| -> io::Result<()> {
-                    let value: Value = serde_json::from_slice(bytes)?;
-                    rows.push(flat(&value, &shard.split, shard.name.as_str()));
-                    Ok(())
-                };
-                if self.dataset.layout != Layout::Folders {
-                    let file = BufReader::with_capacity(1 << 20, File::open(self.path.join(&shard.name))?);
-                    let mut hashing = Hashing::new(file);
-                    tar::read(&mut hashing, |name, bytes| if name.ends_with(".json") { row(bytes) } else { Ok(()) })?;
-                    let (sum, bytes) = hashing.finish()?;
-                    told.push(json!({ "name": shard.name, "items": shard.items.len(), "bytes": bytes, "sha256": sum }));
-                    sums.push((sum, shard.name.clone()));
-                }
-                if self.dataset.layout != Layout::Shards {
-                    for item in &shard.items {
-                        for ending in self.dataset.endings() {
-                            let name = format!("{}.{ending}", self.dataset.key(*item));
-                            let bytes = fs::read(self.path.join(&shard.split).join(&name))?;
-                            if ending == "json" && self.dataset.layout == Layout::Folders {
-                                row(&bytes)?;
-                            }
-                            sums.push((sha256::of_bytes(&bytes), format!("{}/{name}", shard.split)));
-                        }
-                    }
-                }
-                for row in rows {
+                let read = self.read_back(shard, &known, &packed).map_err(|e| {
+                    let reason = io::Error::other(e.to_string());
+                    fault = Some(e);
+                    reason
+                })?;
+                sums.extend(read.sums);
+                told.extend(read.told);
+                for row in read.rows {
                     serde_json::to_writer(&mut *to, &row)?;
                     to.write_all(b"\n")?;
                     table.add(row);
                 }
             }
             Ok(())
-        })?;
+        });
+        if let Some(fault) = fault {
+            return Err(fault);
+        }
+        written?;
         let parquet = table.write();
         self.write_file("metadata.parquet", &parquet)?;
         let sums: String = sums.iter().map(|(sum, name)| format!("{sum}  {name}\n")).collect();
-        self.write_file("SHA256SUMS", sums.as_bytes())?;
+        self.write_file(SUMS, sums.as_bytes())?;
         self.write_file("card.md", self.page().as_bytes())?;
         self.write_file(CARD, self.card(Some(told)).as_bytes())?;
         let parts = self.path.join(PARTS);
@@ -326,8 +365,59 @@ impl Folder {
             splits.dedup();
             files.extend(splits);
         }
-        files.extend(["metadata.jsonl", "metadata.parquet", "SHA256SUMS", "card.md", CARD].map(str::to_owned));
+        files.extend(["metadata.jsonl", "metadata.parquet", SUMS, "card.md", CARD].map(str::to_owned));
         Ok(Made { files, items: self.dataset.items })
+    }
+
+    /// What lies in the folder of a shard: rows of the table, check sums and what the card tells of it. `known`: check sums of before; `packed`: what need not agree
+    /// with them. Fails on files that cannot be read, that are cut off or not what they were.
+    fn read_back(&self, shard: &Shard, known: &HashMap<String, String>, packed: &HashSet<String>) -> Result<ReadBack, ShotError> {
+        let damaged = |name: &str, how: String| ShotError::Entry {
+            place: self.path.join(name).display().to_string(),
+            found: how,
+            expected: "the file as it was made: without it the same command makes its items again".into(),
+        };
+        let same = |name: &str, sum: &str, is_new: bool| match known.get(name).filter(|then| !is_new && *then != sum) {
+            Some(_) => Err(damaged(name, format!("other bytes than {SUMS} tells"))),
+            None => Ok(()),
+        };
+        let mut read = ReadBack::default();
+        let rows = &mut read.rows;
+        let mut row = |bytes: &[u8]| -> io::Result<()> {
+            let value: Value = serde_json::from_slice(bytes)?;
+            rows.push(flat(&value, &shard.split, shard.name.as_str()));
+            Ok(())
+        };
+        if self.dataset.layout != Layout::Folders {
+            let archive = self.path.join(&shard.name);
+            let file = BufReader::with_capacity(1 << 20, File::open(&archive).map_err(|e| failed(&archive, e))?);
+            let mut hashing = Hashing::new(file);
+            let each = |name: &str, bytes: &[u8]| {
+                if name.ends_with(".json") && !name.ends_with(CALIBRATION) { row(bytes) } else { Ok(()) }
+            };
+            tar::read(&mut hashing, each).map_err(|e| damaged(&shard.name, e.to_string()))?;
+            let (sum, bytes) = hashing.finish().map_err(|e| failed(&archive, e))?;
+            same(&shard.name, &sum, packed.contains(&shard.name))?;
+            read.told.push(json!({ "name": shard.name, "items": shard.items.len(), "bytes": bytes, "sha256": sum }));
+            read.sums.push((sum, shard.name.clone()));
+        }
+        if self.dataset.layout != Layout::Shards {
+            for item in &shard.items {
+                let is_new = packed.contains(&format!("{}/{item}", shard.split));
+                for ending in self.dataset.endings() {
+                    let name = format!("{}/{}.{ending}", shard.split, self.dataset.key(*item));
+                    let path = self.path.join(&name);
+                    let bytes = fs::read(&path).map_err(|e| failed(&path, e))?;
+                    let sum = sha256::of_bytes(&bytes);
+                    same(&name, &sum, is_new)?;
+                    if ending == "json" && self.dataset.layout == Layout::Folders {
+                        row(&bytes).map_err(|e| damaged(&name, e.to_string()))?;
+                    }
+                    read.sums.push((sum, name));
+                }
+            }
+        }
+        Ok(read)
     }
 
     /// The card for programs; before the end without what was made.
@@ -338,14 +428,6 @@ impl Folder {
             let items = splits.get(&shard.split).and_then(Value::as_u64).unwrap_or(0) + shard.items.len() as u64;
             splits.insert(shard.split.clone(), json!(items));
         }
-        // What the specification was made with: as it is now, when all is done.
-        let inputs: Option<Vec<Value>> = shards.is_some().then(|| {
-            let sum = |name: &String| {
-                let file = File::open(set.folder.join(name)).map(|f| Hashing::new(BufReader::with_capacity(1 << 20, f)));
-                file.and_then(Hashing::finish).ok().map(|(sum, bytes)| json!({ "name": name, "bytes": bytes, "sha256": sum }))
-            };
-            set.named_files().iter().filter_map(sum).collect()
-        });
         let card = json!({
             "name": set.name(),
             "description": set.file.description,
@@ -356,7 +438,7 @@ impl Folder {
             "files": set.endings(),
             "complete": shards.is_some(),
             "shards": shards,
-            "inputs": inputs,
+            "inputs": self.inputs,
             "specification": set.text,
             "specification_sha256": sha256::of_bytes(set.text.as_bytes()),
         });
@@ -473,7 +555,8 @@ impl Dataset {
     pub fn parameters_json(&self, item: u64) -> Result<Value, ShotError> {
         let names = self.vary.iter().flat_map(|v| v.settings()).map(|name| (name, Value::Null));
         let settings = self.parameters(item)?;
-        let parameters: Map<_, _> = names.chain(settings.iter().map(|(name, value)| (name.clone(), json_of(value)))).collect();
+        let told = |name: &String, value| self.kinds.get(name).copied().unwrap_or(Kind::Number).json(value);
+        let parameters: Map<_, _> = names.chain(settings.iter().map(|(name, value)| (name.clone(), told(name, value)))).collect();
         Ok(json!({ "key": self.key(item), "item": item, "split": self.split(item), "parameters": parameters }))
     }
 }
@@ -493,12 +576,12 @@ mod tests {
     }
 
     /// All files of a folder by their names.
-    fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    fn files_of(folder: &Path) -> BTreeMap<String, Vec<u8>> {
         let mut all = BTreeMap::new();
         for entry in fs::read_dir(folder).unwrap().map(Result::unwrap) {
             let name = entry.file_name().into_string().unwrap();
             if entry.file_type().unwrap().is_dir() {
-                all.extend(files(&entry.path()).into_iter().map(|(n, b)| (format!("{name}/{n}"), b)));
+                all.extend(files_of(&entry.path()).into_iter().map(|(n, b)| (format!("{name}/{n}"), b)));
             } else {
                 all.insert(name, fs::read(entry.path()).unwrap());
             }
@@ -518,7 +601,7 @@ mod tests {
         assert_eq!(whole.missing().len(), 6);
         let made = make(&whole).unwrap();
         assert!(made.files.contains(&"metadata.parquet".to_owned()) && whole.missing().is_empty());
-        let expected = files(&at("a"));
+        let expected = files_of(&at("a"));
         assert!(!expected.keys().any(|n| n.starts_with(PARTS)));
         // Stopped in the middle, then made in another order by two who share the folder; one part is lost, one is cut off.
         let cancel = AtomicBool::new(false);
@@ -547,10 +630,10 @@ mod tests {
             assert!(make(&second).unwrap_err().to_string().contains("it was removed"));
         }
         make(&second).unwrap();
-        assert!(files(&at("b")) == expected, "{:?}", files(&at("b")).keys());
+        assert!(files_of(&at("b")) == expected, "{:?}", files_of(&at("b")).keys());
         // Done twice is done once.
         make(&second).unwrap();
-        assert!(files(&at("b")) == expected);
+        assert!(files_of(&at("b")) == expected);
     }
 
     #[test]
@@ -559,7 +642,7 @@ mod tests {
         let folder = room.path().join("both");
         let text = SPEC.replace("shard_items", "layout = \"both\"\nshard_items");
         make(&Folder::open(set(&text), &folder).unwrap()).unwrap();
-        let all = files(&folder);
+        let all = files_of(&folder);
         let mut inside = BTreeMap::new();
         for (name, bytes) in all.iter().filter(|f| f.0.ends_with(".tar")) {
             let split = name.split('-').next().unwrap();
@@ -583,6 +666,38 @@ mod tests {
         assert!(rows.iter().all(|r| r["parameters.iso"].as_f64() == r["facts.iso"].as_f64() && r["facts.f_number"].is_number()));
         assert!(String::from_utf8(all["card.md"].clone()).unwrap().contains("path: \"train-??????.tar\""));
         assert!(all["metadata.parquet"].starts_with(b"PAR1"));
+    }
+
+    #[test]
+    fn what_is_damaged_or_was_made_with_other_files_is_told() {
+        let room = tempfile::tempdir().unwrap();
+        let at = |name: &str| room.path().join(name);
+        let text = SPEC.replace("shard_items", "layout = \"both\"\nshard_items");
+        fs::write(at("classes.txt"), "*, thing\n").unwrap();
+        let text = text.replace("scene.file = \"cornell\"", "scene = { file = \"cornell\", classes = \"classes.txt\" }");
+        let set = || Arc::new(Dataset::new(&text, "spec.toml", room.path()).unwrap());
+        let open = || Folder::open(set(), &at("set"));
+        make(&open().unwrap()).unwrap();
+        let whole = files_of(&at("set"));
+        let told = || make(&open().unwrap()).unwrap_err().to_string();
+        for (name, bytes) in whole.iter().filter(|f| f.0.starts_with("train-000000") || f.0.ends_with("raw.npy")).take(2) {
+            let mut other = bytes.clone();
+            let last = other.len() - 1;
+            other[last / 2] ^= 1;
+            for (damaged, how) in [(&other[..], "other bytes than SHA256SUMS"), (&bytes[..last / 2], "")] {
+                fs::write(at("set").join(name), damaged).unwrap();
+                let told = told();
+                assert!(told.contains(name.as_str()) && told.contains(how), "{name}: {told}");
+                assert!(fs::read(at("set").join("SHA256SUMS")).unwrap() == whole["SHA256SUMS"]);
+            }
+            // Without the file its items are made again.
+            fs::remove_file(at("set").join(name)).unwrap();
+            make(&open().unwrap()).unwrap();
+            assert!(files_of(&at("set")) == whole, "{name}");
+        }
+        fs::write(at("classes.txt"), "*, other\n").unwrap();
+        let told = open().unwrap_err().to_string();
+        assert!(told.contains("\"classes.txt\"") && told.contains("an empty folder"), "{told}");
     }
 
     #[test]

@@ -1,18 +1,20 @@
 //! An item: one shot, from scene to files in memory.
 
 use super::{Dataset, tar};
-use crate::expose::{ExposeError, ProgressReporter};
+use crate::calibration::{Calibration, Format};
+use crate::expose::{ExposeError, ProgressReporter, object_names};
 use crate::npy;
 use crate::raw_file;
-use crate::shot::{Inputs, SceneCache, Sequence, Shot, ShotError};
+use crate::shot::{ExposureUse, Inputs, SceneCache, Sequence, Shot, ShotError};
 use crate::truth;
 use diopter_develop::{Recipe, develop};
-use diopter_image::channels::{CHANNELS, Channel};
+use diopter_image::channels::{CHANNELS, Channel, PixelType};
 use diopter_image::dng::Storage;
 use diopter_image::truth::Values;
-use diopter_image::{FocalPlane, ImageError, Picture, RawImage, exr, jpeg, png, tiff_file};
+use diopter_image::{FocalPlane, ImageError, Picture, RawImage, cryptomatte, exr, jpeg, png, tiff_file};
 use diopter_sensor::{ReadOut, Window};
-use serde_json::json;
+use serde_json::{Map, Value, json};
+use std::collections::BTreeSet;
 use std::io::Cursor;
 use std::path::PathBuf;
 
@@ -37,11 +39,13 @@ pub(crate) enum File {
     Plane,
     /// The truth beside a raw file.
     Truth,
+    /// The camera of the pictures, and where it stood.
+    Calibration,
     Channel(&'static Channel),
 }
 
 /// What stands behind the number of an item.
-const NAMES: [(&str, File); 12] = [
+const NAMES: [(&str, File); 13] = [
     ("dng", File::Dng),
     ("raw.npy", File::Raw),
     ("expected.npy", File::Expected),
@@ -54,6 +58,7 @@ const NAMES: [(&str, File); 12] = [
     ("half-difference.npy", File::HalfDifference),
     ("plane.exr", File::Plane),
     ("truth.exr", File::Truth),
+    ("calibration.json", File::Calibration),
 ];
 
 /// What a file of an item holds, by what stands behind the number.
@@ -72,11 +77,23 @@ pub(super) fn about(ending: &str) -> String {
         }
         "plane.exr" => "the focal plane: mean, half difference, truth",
         "truth.exr" => "the truth of the raw file, pixel by pixel",
+        "calibration.json" => "model and numbers of the camera of the picture (px), and its poses while the shutter is open",
         _ => "",
     };
     match File::named(ending) {
-        Some(File::Channel(c)) if c.unit.is_empty() => c.about.to_owned(),
-        Some(File::Channel(c)) => format!("{} ({})", c.about, c.unit),
+        Some(File::Channel(c)) => {
+            let about = c.about.replace(
+                "six ranks; the manifest is in the header",
+                "six ranks of identifier and coverage; names stand in the `json`",
+            );
+            let unit = if c.unit.is_empty() { String::new() } else { format!(" ({})", c.unit) };
+            let numbers = match c.numbers {
+                PixelType::Float => "float32",
+                PixelType::Whole => "uint32",
+            };
+            let parts = if c.parts() == 1 { "" } else { "[part]" };
+            format!("{about}{unit}, `{numbers} [row][column]{parts}`")
+        }
         _ => plain.to_owned(),
     }
 }
@@ -108,6 +125,31 @@ impl File {
     pub fn is_read_out(self) -> bool {
         matches!(self, File::Dng | File::Raw | File::Expected | File::Jpeg | File::Png | File::Tiff | File::Exr | File::Truth)
     }
+}
+
+/// Of files of an item the picture that other programs look at.
+fn picture_of(files: &[File]) -> Option<File> {
+    [File::Jpeg, File::Png, File::Tiff, File::Exr, File::Dng].into_iter().find(|f| files.contains(f))
+}
+
+/// Name of the picture of an item; without one that of the first file.
+pub(crate) fn picture_name(files: &[File], key: &str) -> String {
+    picture_of(files).or(files.first().copied()).map_or_else(|| key.to_owned(), |file| format!("{key}.{}", file.name()))
+}
+
+/// Whether the picture of an item is developed.
+pub(crate) fn is_developed(files: &[File]) -> bool {
+    picture_of(files).is_some_and(|picture| picture != File::Dng)
+}
+
+/// What is done with the exposures of items.
+pub(crate) fn memory_use(files: &[File]) -> ExposureUse {
+    if files.contains(&File::Truth) { ExposureUse::Truth } else { ExposureUse::Plane }
+}
+
+/// The calibration for the picture of an item: as its development has it, or without one as the sensor takes it. Fails where no model comes near the lens.
+pub(crate) fn calibration(shot: &Shot, files: &[File], key: &str) -> Result<Calibration, ShotError> {
+    Ok(shot.calibration_of(&picture_name(files, key), is_developed(files), None)?)
 }
 
 /// The truth channels that are asked for, and those that are written.
@@ -165,10 +207,17 @@ impl Dataset {
         watch: &ProgressReporter,
         warn: &mut dyn FnMut(&str),
     ) -> Result<Vec<u8>, ShotError> {
-        let (mut shot, scene, calibration) = self.prepared(item, scenes, warn)?;
+        let (mut shot, scene, calibration_file) = self.prepared(item, scenes, warn)?;
+        shot.check_memory(memory_use(&self.files), None)?;
         let quiet = ProgressReporter { cancel: watch.cancel, progress: &|_| () };
         shot.focus(&quiet, warn)?;
         shot.meter_if_needed(&quiet, warn)?;
+        let key = self.key(item);
+        // Before the exposure: it may fail.
+        let calibration_json = match self.files.contains(&File::Calibration) {
+            true => calibration(&shot, &self.files, &key)?.text(Format::Json)?,
+            false => String::new(),
+        };
         let exposed = shot.expose_from(None, watch, None)?;
         if exposed.stopped {
             return Err(ExposeError::Cancelled.into());
@@ -178,20 +227,43 @@ impl Dataset {
             // By the name that the specification has for it, wherever that lies.
             plane.facts.scene = name;
         }
-        if let Some(path) = calibration {
+        if let Some(path) = calibration_file {
             plane.facts.lens = path.display().to_string();
         }
         let raw = if self.files.iter().any(|f| f.is_read_out()) { Some(shot.read_out(&plane)?) } else { None };
-        let key = self.key(item);
         let failed = |e: ImageError| ShotError::Read { path: format!("item {key}"), reason: e.to_string() };
         let mut files = vec![(format!("{key}.json"), self.told(item, &shot, &plane, raw.as_ref())?)];
         for file in &self.files {
-            let made = Making { shot: &shot, plane: &plane, raw: raw.as_ref() };
+            let made = Making { shot: &shot, plane: &plane, raw: raw.as_ref(), calibration_json: &calibration_json };
             files.push((format!("{key}.{}", file.name()), made.bytes(*file, &failed)?));
         }
         files.sort();
         let archive = tar::archive(files.iter().map(|(n, b)| (n.as_str(), b.as_slice())));
         archive.map_err(|e| failed(ImageError::Io(e)))
+    }
+
+    /// Names of what the channels of the item show by numbers (of objects and classes) and identifiers (of Cryptomatte); null where none of them is written.
+    fn names(&self, shot: &Shot, plane: &FocalPlane) -> Value {
+        let recorded = plane.truth.recorded();
+        let mut all = Map::new();
+        let writes = |name: &str| self.files.iter().any(|f| matches!(f, File::Channel(c) if c.name == name));
+        let objects = object_names(shot.scene.description());
+        for (channel, key, names) in [("id", "objects", &objects), ("class", "classes", &*recorded.classes)] {
+            if writes(channel) {
+                let named = |number: u32| Some((number.to_string(), json!(names.get((number as usize).checked_sub(1)?)?)));
+                all.insert(key.into(), Value::Object(occurring(plane, channel).into_iter().filter_map(named).collect()));
+            }
+        }
+        for channel in ["crypto-object", "crypto-material", "crypto-class"].into_iter().filter(|name| writes(name)) {
+            let there = occurring(plane, channel);
+            let layer = CHANNELS.iter().find(|c| c.name == channel).map(|c| c.matte_layer());
+            let names = recorded.manifests.iter().filter(|m| Some(m.layer.as_str()) == layer).flat_map(|m| &m.names);
+            let hashes =
+                names.map(|name| (name, cryptomatte::identifier(name).to_bits())).filter(|named| there.contains(&named.1));
+            let told = hashes.map(|(name, hash)| (name.clone(), json!(format!("{hash:08x}"))));
+            all.insert(channel.into(), Value::Object(told.collect()));
+        }
+        if all.is_empty() { Value::Null } else { Value::Object(all) }
     }
 
     /// What is known of an item, as JSON.
@@ -213,6 +285,7 @@ impl Dataset {
             "size": [plane.width(), plane.height()],
             "parameters": parameters["parameters"],
             "facts": facts,
+            "names": self.names(shot, plane),
             // Camera axes x right, y up, z backward; the middle of the exposure. Three rows of four.
             "world_from_camera": pose,
         });
@@ -220,15 +293,13 @@ impl Dataset {
     }
 }
 
-/// A value of a specification as JSON.
-pub(super) fn json_of(value: &toml::Value) -> serde_json::Value {
-    match value {
-        toml::Value::String(text) => json!(text),
-        toml::Value::Integer(v) => json!(v),
-        toml::Value::Float(v) => json!(v),
-        toml::Value::Boolean(v) => json!(v),
-        toml::Value::Array(list) => list.iter().map(json_of).collect(),
-        other => json!(other.to_string()),
+/// Numbers of a channel of the truth that occur, each once.
+fn occurring(plane: &FocalPlane, channel: &str) -> BTreeSet<u32> {
+    match plane.truth.values(channel) {
+        Some(Values::Whole(raster)) => raster.data.iter().copied().collect(),
+        // Identifiers and coverages by turns.
+        Some(Values::Float(raster)) => raster.data.iter().step_by(2).map(|v| v.to_bits()).collect(),
+        None => BTreeSet::new(),
     }
 }
 
@@ -237,6 +308,8 @@ pub(crate) struct Making<'a> {
     pub shot: &'a Shot,
     pub plane: &'a FocalPlane,
     pub raw: Option<&'a RawImage>,
+    /// The text of [`File::Calibration`], where it is among the files.
+    pub calibration_json: &'a str,
 }
 
 impl Making<'_> {
@@ -292,6 +365,7 @@ impl Making<'_> {
                 let (reader, raw) = (self.reader()?, raw()?);
                 written(&|to| truth::write(plane, &reader, raw, exr::TruthLayout::SinglePart, plane.truth.recorded(), to))
             }
+            File::Calibration => Ok(self.calibration_json.into()),
             File::Channel(channel) => match plane.truth.values(channel.name) {
                 Some(Values::Float(raster)) => Ok(floats(raster)),
                 Some(Values::Whole(r)) => Ok(npy::array(&r.data, [r.width, r.height, r.channels])),
@@ -326,7 +400,7 @@ mod tests {
 
     const SPEC: &str = "seed = 2\n[shot]\nscene.file = \"cornell\"\nexposure.shutter = \"1/30\"\nrender = { size = \"24x16\", spp = 2 }\n\
         [[vary]]\nname = \"iso\"\ngrid = [100, 1600]\n[[vary]]\nname = \"scene\"\ngrid = [\"cornell\", \"rolling-ball\"]\n\
-        [write]\nfiles = [\"dng\", \"raw.npy\", \"expected.npy\", \"png\", \"mean.npy\", \"variance.npy\", \"depth.npy\", \"coverage.npy\", \"id.npy\", \"truth.exr\", \"plane.exr\", \"exr\"]\n";
+        [write]\nfiles = [\"dng\", \"raw.npy\", \"expected.npy\", \"png\", \"mean.npy\", \"variance.npy\", \"depth.npy\", \"coverage.npy\", \"id.npy\", \"truth.exr\", \"plane.exr\", \"exr\", \"calibration.json\"]\n";
 
     #[test]
     fn items_are_the_same_bytes_in_any_order_and_with_any_scene_before() {
@@ -350,8 +424,7 @@ mod tests {
         })
         .unwrap();
         let names: Vec<&str> = files.keys().map(String::as_str).collect();
-        let endings =
-            "coverage.npy depth.npy dng expected.npy exr id.npy json mean.npy plane.exr png raw.npy truth.exr variance.npy";
+        let endings = "calibration.json coverage.npy depth.npy dng expected.npy exr id.npy json mean.npy plane.exr png raw.npy truth.exr variance.npy";
         assert_eq!(names, endings.split(' ').map(|e| format!("000001.{e}")).collect::<Vec<_>>());
         let raw = diopter_image::dng::read(Cursor::new(files["000001.dng"].clone())).unwrap();
         let numbers: Vec<u8> = raw.mosaic.data.iter().flat_map(|v| v.to_le_bytes()).collect();
@@ -361,6 +434,10 @@ mod tests {
         let told: serde_json::Value = serde_json::from_slice(&files["000001.json"]).unwrap();
         assert_eq!((&told["parameters"]["iso"], &told["facts"]["iso"]), (&json!(1600), &json!(1600.0)));
         assert_eq!((&told["facts"]["scene"], &told["split"]), (&json!("cornell"), &json!(null)));
+        let camera: serde_json::Value = serde_json::from_slice(&files["000001.calibration.json"]).unwrap();
+        assert_eq!(camera["frames"][0]["file"], json!("000001.png"));
+        let ids = told["names"]["objects"].as_object().unwrap();
+        assert!(!ids.is_empty() && ids.keys().all(|k| k.parse::<u32>().is_ok_and(|n| n > 0)), "{ids:?}");
         assert!(told["facts"]["date"].is_null() && told["world_from_camera"][2][3].is_number());
     }
 }

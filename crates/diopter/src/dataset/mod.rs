@@ -9,6 +9,7 @@ mod draw;
 mod folder;
 pub(crate) mod item;
 pub mod job;
+mod kind;
 mod parquet;
 mod pose;
 mod rule;
@@ -26,7 +27,9 @@ use crate::sheet::text_of;
 use crate::shot::{Sequence, ShotError, ShotFile, is_of_scene};
 use diopter_light::names::{in_words, nearest};
 use item::File;
+use kind::Kind;
 use rule::Vary;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// A setting of an item and its value.
@@ -58,6 +61,8 @@ pub struct Dataset {
     shard_items: u64,
     /// Names of the parts and how far each goes, from 0 to 1.
     splits: Vec<(String, f64)>,
+    /// How the values of each setting are told.
+    kinds: BTreeMap<String, Kind>,
 }
 
 /// How the files of items lie in a folder.
@@ -102,7 +107,7 @@ impl Dataset {
             toml::from_str(text).map_err(|e| ShotError::Syntax { path: place.to_owned(), reason: in_words(&e.to_string()) })?;
         let entry =
             |at: &str, found: String, expected: String| ShotError::Entry { place: format!("{place}: {at}"), found, expected };
-        check_shot(&file.shot).map_err(|(at, found, expected)| entry(at, found, expected.to_owned()))?;
+        check_shot(&file.shot).map_err(|(at, found, expected)| entry(at, found, expected))?;
         let (mut vary, mut names, mut combinations) = (Vec::new(), Vec::new(), 1);
         for (k, section) in file.vary.iter().enumerate() {
             let rule = Vary::new(section, place, k + 1, &names, &mut combinations)?;
@@ -177,8 +182,9 @@ impl Dataset {
                 return Err(entry("[split] by", format!("\"{by}\""), format!("the name of a setting that is varied{hint}")));
             }
         }
+        let kinds = kind::of_settings(&vary);
         let (text, place, folder) = (text.to_owned(), place.to_owned(), folder.to_owned());
-        Ok(Dataset { text, place, folder, file, vary, items, files, layout, shard_items, splits })
+        Ok(Dataset { kinds, text, place, folder, file, vary, items, files, layout, shard_items, splits })
     }
 
     /// What was written.
@@ -266,6 +272,7 @@ impl Dataset {
             // What stood there would say it, too.
             (shot.camera.viewpoint, shot.camera.path) = (None, Vec::new());
         }
+        say_one_frame(&mut shot);
         if !settings.iter().any(|s| matches!(s.0.as_str(), "seed" | "render.seed")) {
             shot.render.seed = Some(self.draws(item).bits("render.seed", 0) >> (64 - SEED_BITS));
         }
@@ -358,27 +365,38 @@ fn with(shot: &ShotFile, name: &str, value: &toml::Value, place: &str) -> Result
 const NO_TIME_LIMIT: &str =
     "no limit of time: the same specification would not give the same bytes; spp says how many samples are taken";
 
+/// A rate of frames without their number is that of a film of one frame: it says when the next would be.
+fn say_one_frame(shot: &mut ShotFile) {
+    if shot.sequence.fps.is_some() && shot.sequence.frames.is_none() {
+        shot.sequence.frames = Some(1);
+    }
+}
+
 /// What a shot of a data set cannot have: place, found, expected.
-fn check_shot(shot: &ShotFile) -> Result<(), (&'static str, String, &'static str)> {
+fn check_shot(shot: &ShotFile) -> Result<(), (&'static str, String, String)> {
     if let Some(limit) = shot.render.time_limit {
-        return Err(("[shot.render] time_limit", Seconds(limit.0).to_string(), NO_TIME_LIMIT));
+        return Err(("[shot.render] time_limit", Seconds(limit.0).to_string(), NO_TIME_LIMIT.into()));
     }
     if let Some(seed) = shot.render.seed {
         let expected = "no seed: each item has its own, which follows from the seed of the data set; or a [[vary]] of it";
-        return Err(("[shot.render] seed", seed.to_string(), expected));
+        return Err(("[shot.render] seed", seed.to_string(), expected.into()));
     }
     if !shot.output.files.is_empty() {
-        return Err(("[shot.output] files", format!("{} names", shot.output.files.len()), "none: [write] says what is written"));
+        let expected = "none: [write] says what is written";
+        return Err(("[shot.output] files", format!("{} names", shot.output.files.len()), expected.into()));
     }
-    let several = Sequence::new(&mut shot.clone()).map_or(true, |s| s.count() > 1);
-    if several {
-        return Err((
-            "[shot.sequence]",
-            "more than one picture".into(),
-            "single pictures: an item is one; what varies goes into [[vary]]",
-        ));
-    }
-    Ok(())
+    let mut single = shot.clone();
+    say_one_frame(&mut single);
+    let (found, expected) = match Sequence::new(&mut single) {
+        Ok(sequence) if sequence.count() == 1 => return Ok(()),
+        Ok(_) => ("more than one picture".into(), "single pictures: an item is one; what varies goes into [[vary]]".into()),
+        Err(e) => {
+            let parts = e.parts();
+            let found = [parts.place, parts.found].into_iter().flatten().collect::<Vec<_>>().join(" ");
+            (found, parts.expected.unwrap_or_else(|| e.to_string()))
+        }
+    };
+    Err(("[shot.sequence]", found, expected))
 }
 
 #[cfg(test)]
@@ -475,6 +493,7 @@ mod tests {
             ("items = 1\n[shot.render]\nseed = 5", "each item has its own"),
             ("items = 1\n[shot.output]\nfiles = [\"a.jpg\"]", "[write] says"),
             ("items = 1\n[shot.sequence]\nbracket = 3", "single pictures"),
+            ("items = 1\n[shot.sequence]\nfps = -5", "[shot.sequence]: fps -5; expected above 0 frames a second"),
             ("items = 1\n[[vary]]\nname = \"isso\"\nvalues = [100]", "did you mean \"iso\""),
             ("items = 1\n[[vary]]\nname = \"iso\"\nvalues = [100, \"fast\"]", "[[vary]] 1 (iso): iso \"fast\""),
             ("items = 1\n[[vary]]\nname = \"render.time_limit\"\nvalues = [\"1 s\"]", "no limit of time"),

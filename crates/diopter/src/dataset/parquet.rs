@@ -81,13 +81,15 @@ impl Column {
         }
     }
 
-    /// Number of the type: BOOLEAN, INT64, DOUBLE, BYTE_ARRAY.
+    /// Number of the type: BOOLEAN, INT32, INT64, DOUBLE, BYTE_ARRAY.
     fn kind(&self) -> i64 {
         match self {
             Column::Bool(_) => 0,
+            // With the logical type UNKNOWN: readers take it for a column of any type.
+            Column::Empty => 1,
             Column::Whole(_) => 2,
             Column::Number(_) => 5,
-            Column::Empty | Column::Text(_) => 6,
+            Column::Text(_) => 6,
         }
     }
 
@@ -116,7 +118,7 @@ impl Column {
             out
         }
         match self {
-            Column::Empty => levels::<String>(rows.map(|_| None)),
+            Column::Empty => levels::<i32>(rows.map(|_| None)),
             Column::Bool(all) => {
                 let mut out = levels(of(all, &rows));
                 for (k, value) in of(all, &rows).flatten().enumerate() {
@@ -243,10 +245,14 @@ impl Table {
     }
 
     fn write_by(&self, created_by: &str) -> Vec<u8> {
+        // What is a list in some rows and missing in the others has columns of its parts.
+        let is_list =
+            |name: &str| self.columns.iter().any(|(n, _)| n.strip_prefix(name).is_some_and(|rest| rest.starts_with('.')));
+        let columns: Vec<_> = self.columns.iter().filter(|(n, c)| !matches!(c, Column::Empty) || !is_list(n)).collect();
         let mut out = MAGIC.to_vec();
-        let root = Struct::default().text(4, "schema").number(5, I32, self.columns.len() as i64);
+        let root = Struct::default().text(4, "schema").number(5, I32, columns.len() as i64);
         let (mut schema, mut chunks, mut total) = (vec![root.end()], Vec::new(), 0);
-        for (name, column) in &self.columns {
+        for (name, column) in columns {
             let begin = out.len();
             let pages = (0..self.rows).step_by(PAGE_ROWS).map(|first| first..(first + PAGE_ROWS).min(self.rows));
             for rows in pages {
@@ -263,8 +269,12 @@ impl Table {
             total += bytes;
             // Optional; text is UTF-8.
             let element = Struct::default().number(1, I32, column.kind()).number(3, I32, 1).text(4, name);
-            let is_text = column.kind() == 6;
-            schema.push(if is_text { element.number(6, I32, 0) } else { element }.end());
+            let element = match column {
+                Column::Empty => element.nested(10, Struct::default().nested(11, Struct::default())),
+                Column::Text(_) => element.number(6, I32, 0),
+                _ => element,
+            };
+            schema.push(element.end());
             let number = |v: i64| {
                 let mut bytes = Vec::new();
                 zigzag(v, &mut bytes);

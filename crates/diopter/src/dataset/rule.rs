@@ -94,7 +94,9 @@ impl Numbers {
 
     /// The same with other numbers.
     fn with(&self, values: &[f64], step: Option<f64>) -> Value {
-        let plain = |v: f64| match step.is_some() && v.fract() == 0.0 && v.abs() < 9e15 {
+        // Of all items alike: with steps that are no whole numbers all are fractions, also 1.0.
+        let whole = step.is_some_and(|s| s.fract() == 0.0);
+        let plain = |v: f64| match whole && v.fract() == 0.0 && v.abs() < 9e15 {
             true => Value::Integer(v as i64),
             false => Value::Float(v),
         };
@@ -259,6 +261,16 @@ impl Vary {
             if let Some([from, to]) = bounds.as_ref().filter(|[a, b]| !in_order(a, b)) {
                 return Err(entry(&place, format!("range from {:?} to {:?}", from.values, to.values), "the smaller value first"));
             }
+            if let (Some([from, to]), Some(step)) = (&bounds, s.step) {
+                let mut ends = from.values.iter().zip(&to.values);
+                if let Some((from, to)) = ends.find(|(a, b)| multiples(**a, **b, Some(step)).is_none()) {
+                    return Err(entry(
+                        &place,
+                        format!("step {step} from {from} to {to}"),
+                        "a range that holds a multiple of the step",
+                    ));
+                }
+            }
             match &s.normal {
                 Some(list) => {
                     let [mean, deviation] = pair("normal", list)?;
@@ -346,6 +358,11 @@ impl Vary {
             Rule::Range { from, to, log, step } => {
                 let one = |(k, (a, b)): (usize, (&f64, &f64))| {
                     let u = draw.uniform(&key, k as u64);
+                    // Rounded afterwards: each multiple has its own step, the first and the last too.
+                    let (a, b) = multiples(*a, *b, *step).map_or((*a, *b), |[a, b]| {
+                        let half = 0.5 * step.unwrap_or(0.0);
+                        (a - half, b + half)
+                    });
                     rounded(if *log { (a.ln() + u * (b.ln() - a.ln())).exp() } else { a + u * (b - a) })
                 };
                 let drawn: Vec<f64> = from.values.iter().zip(&to.values).enumerate().map(one).collect();
@@ -387,10 +404,19 @@ fn stepped(values: &[f64], step: Option<f64>) -> Vec<f64> {
     values.iter().map(|v| step.map_or(*v, |s| rounded((v / s).round() * s))).collect()
 }
 
+/// The least and the largest multiple of a step between two numbers; `None` without a step, and where there is none.
+fn multiples(from: f64, to: f64, step: Option<f64>) -> Option<[f64; 2]> {
+    // What decimals make of a multiple is one.
+    const ROUNDING: f64 = 1e-9;
+    let step = step?;
+    let [first, last] = [(from / step - ROUNDING).ceil(), (to / step + ROUNDING).floor()];
+    (first <= last).then(|| [rounded(first * step), rounded(last * step)])
+}
+
 /// The same, and not beyond the ends of a range.
 fn inside(values: &[f64], from: &Numbers, to: &Numbers, step: Option<f64>) -> Vec<f64> {
-    let ends = from.values.iter().zip(&to.values);
-    stepped(values, step).into_iter().zip(ends).map(|(v, (a, b))| v.clamp(*a, *b)).collect()
+    let ends = from.values.iter().zip(&to.values).map(|(a, b)| multiples(*a, *b, step).unwrap_or([*a, *b]));
+    stepped(values, step).into_iter().zip(ends).map(|(v, [a, b])| v.clamp(a, b)).collect()
 }
 
 impl Condition {
@@ -487,6 +513,14 @@ mod tests {
         assert!((mean - (100f64.log2() + 3.0)).abs() < 0.14, "{mean}");
         let whole = numbers("name = \"spp\"\nrange = [1, 4]\nstep = 1", 600);
         assert!((1..=4).all(|k| whole.contains(&f64::from(k))) && whole.iter().all(|v| v.fract() == 0.0));
+        // Each as often: √(4000 · 1/4 · 3/4) = 27; five of them are allowed.
+        let whole = numbers("name = \"spp\"\nrange = [1, 4]\nstep = 1", 4000);
+        assert!((1..=4).all(|k| whole.iter().filter(|v| **v == f64::from(k)).count().abs_diff(1000) < 137));
+        // Multiples, also where the ends are none.
+        let hundreds = numbers("name = \"iso\"\nrange = [110, 390]\nstep = 100", 100);
+        assert!(hundreds.iter().all(|v| [200.0, 300.0].contains(v)), "{hundreds:?}");
+        let tenths = numbers("name = \"nd\"\nrange = [0.1, 0.3]\nstep = 0.1", 100);
+        assert!([0.1, 0.2, 0.3].iter().all(|v| tenths.contains(v)) && tenths.iter().all(|v| *v < 0.301), "{tenths:?}");
         let pairs = numbers("name = \"sun\"\nrange = [[10, 0], [60, 360]]", 100);
         assert!(pairs.chunks(2).all(|p| (10.0..=60.0).contains(&p[0])) && pairs.chunks(2).any(|p| p[1] > 180.0));
     }
@@ -499,6 +533,8 @@ mod tests {
         };
         assert!(aperture.starts_with("f/") && aperture.len() <= 5, "{aperture}");
         assert!(matches!(one("name = \"spp\"\nrange = [4, 16]\nstep = 1"), Value::Integer(4..=16)));
+        // Steps of a half: all are fractions, so that a column has one type.
+        assert!(matches!(one("name = \"exposure-ev\"\nrange = [1, 1.2]\nstep = 0.5"), Value::Float(1.0)));
         assert!(matches!(one("name = \"fov\"\nrange = [40, 60]"), Value::Float(_)));
     }
 
@@ -541,6 +577,7 @@ mod tests {
             ("name = \"iso\"\nrange = [1]", "two numbers of the same unit"),
             ("name = \"aperture\"\nrange = [\"f/2\", 8]", "two numbers of the same unit"),
             ("name = \"iso\"\nrange = [8, 1]", "the smaller value first"),
+            ("name = \"iso\"\nrange = [110, 190]\nstep = 100", "a multiple of the step"),
             ("name = \"iso\"\nrange = [0, 1]\nscale = \"log\"", "above 0"),
             ("name = \"iso\"\nchoice = [1, 2]\nweights = [1]", "2 numbers"),
             ("name = \"iso\"\nvalues = [1]\nweights = [1]", "no weights there"),

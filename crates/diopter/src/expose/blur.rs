@@ -7,6 +7,7 @@
 //! radius: its diameter is 2 √2 times it (a uniform disc of radius r has r²/2), which is the geometric circle of a lens without aberrations.
 
 use crate::camera::Camera;
+use diopter_lens::Lens;
 use glam::{DMat2, DVec2, DVec3};
 use rayon::prelude::*;
 
@@ -156,6 +157,10 @@ fn node(camera: &Camera, at: DVec2) -> Option<Node> {
         Some((ray.origin_mm, ray.direction))
     };
     let chief = chief_at(at)?;
+    if matches!(camera.lens, Lens::Pinhole(_)) {
+        // Holes and projections: all is sharp, and nothing is in the way.
+        return Some(Node { open: 1.0, ..Node::ZERO });
+    }
     let axes = chief.1.any_orthonormal_pair();
     // What a pixel more means; at an edge of what passes, to one side.
     let h = (camera.film.columns as f64 / 1000.0).max(0.25);
@@ -196,14 +201,19 @@ fn node(camera: &Camera, at: DVec2) -> Option<Node> {
     }
     let [o, s] = means.map(|m| m / passed);
     let second_moments = second_moments.map(|m| m * (1.0 / passed));
-    // Étendue: solid angle times area is the same before and behind the lens.
-    let axis_cosine = if camera.has_axis() { (-chief.1.z).max(LEAST_COSINE) } else { 1.0 };
+    let passing = weights / (RINGS * ON_RING) as f64;
+    let open = match camera.lens {
+        // What is stated of its light, whatever the law of its picture.
+        Lens::Calibrated(_) => passing,
+        // Étendue: solid angle times area is the same before and behind the lens.
+        _ => passing / solid_angle / (-chief.1.z).max(LEAST_COSINE),
+    };
     Some(Node {
         shift,
         oo: second_moments[0] - outer(o, o),
         os: second_moments[1] - outer(o, s) - outer(s, o),
         ss: second_moments[2] - outer(s, s),
-        open: weights / (RINGS * ON_RING) as f64 / solid_angle / axis_cosine,
+        open,
     })
 }
 
@@ -212,7 +222,9 @@ mod tests {
     use super::*;
     use crate::camera::Film;
     use crate::camera_motion::CameraMotion;
-    use diopter_lens::{Focus, Iris, Lens, Pinhole, ThinLens};
+    use diopter_lens::calibrated::{PixelGrid, View};
+    use diopter_lens::camera_model::{CameraModel, ModelKind};
+    use diopter_lens::{CalibratedLens, Focus, Iris, Lens, Pinhole, Projection, ThinLens};
     use diopter_light::units::Millimeters;
     use glam::Affine3A;
 
@@ -244,9 +256,27 @@ mod tests {
 
     #[test]
     fn a_pinhole_draws_points() {
-        let blur = Blur::new(&camera(Lens::Pinhole(Pinhole::new(Millimeters(35.0), 8.0).unwrap())));
-        let at = DVec2::new(20.0, 30.0);
-        assert!(blur.circle_px(at, 3.0).unwrap().abs() < 1e-12);
-        assert!((blur.open(at) - 1.0).abs() < 1e-3, "{}", blur.open(at));
+        let hole = Pinhole::new(Millimeters(35.0), 8.0).unwrap();
+        let all_around = Projection::Panorama { film_mm: [36.0, 24.0] };
+        for projection in [Projection::Rectilinear, Projection::Orthographic { reduction: 20.0 }, all_around] {
+            let blur = Blur::new(&camera(Lens::Pinhole(Pinhole { projection, ..hole })));
+            for at in [DVec2::new(20.0, 30.0), DVec2::new(180.0, 0.5), DVec2::new(359.5, 239.5)] {
+                assert_eq!((blur.circle_px(at, 3.0), blur.open(at)), (Some(0.0), 1.0), "{projection:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_fisheye_with_even_light_is_open_all_over() {
+        for kind in [ModelKind::Equidistant, ModelKind::Stereographic, ModelKind::Orthographic] {
+            let grid = PixelGrid { size: [360, 240], film_mm: [36.0, 24.0] };
+            let model = CameraModel::new(kind, DVec2::splat(160.0), DVec2::new(179.5, 119.5), Vec::new()).unwrap();
+            let view = View::Model(model);
+            let lens = CalibratedLens::new("fisheye".into(), view, grid, Millimeters(16.0), 2.8, None, None).unwrap();
+            let blur = Blur::new(&camera(Lens::Calibrated(Box::new(lens))));
+            for at in [DVec2::new(180.0, 120.0), DVec2::new(60.0, 150.0), DVec2::new(260.0, 40.0)] {
+                assert!((blur.open(at) - 1.0).abs() < 1e-6, "{kind:?} {at}: {}", blur.open(at));
+            }
+        }
     }
 }

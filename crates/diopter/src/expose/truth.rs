@@ -506,7 +506,7 @@ fn recorded(scene: &Scene, settings: &Settings) -> (Recorded, Mattes) {
         return (recorded, mattes);
     }
     let d = scene.description();
-    let objects: Vec<String> = d.objects.iter().enumerate().map(|(i, o)| named(&o.name, "object", i)).collect();
+    let objects = object_names(d);
     let materials: Vec<String> = d.materials.iter().enumerate().map(|(i, m)| named(&m.name, "material", i)).collect();
     let mut manifests = Vec::new();
     let mut sampled = false;
@@ -537,9 +537,17 @@ fn recorded(scene: &Scene, settings: &Settings) -> (Recorded, Mattes) {
     (recorded, mattes)
 }
 
-/// Names of the classes of a scene in order, and the number of that of each object; what has none is of the class [`UNCLASSIFIED`].
+/// Names of the objects of a scene, by number.
+pub(crate) fn object_names(d: &Description) -> Vec<String> {
+    d.objects.iter().enumerate().map(|(i, o)| named(&o.name, "object", i)).collect()
+}
+
+/// Names of the classes of a scene and the number of that of each object: first those that its table lists, also where nothing is one of them, then others in order of their
+/// names; what has none is of the class [`UNCLASSIFIED`].
 fn numbered_classes(d: &Description) -> (Vec<String>, Vec<u32>) {
-    let names: BTreeSet<&str> = d.objects.iter().map(|o| o.class.as_deref().unwrap_or(UNCLASSIFIED)).collect();
+    let listed: Vec<&str> = d.listed_classes.iter().map(|class| &**class).collect();
+    let others: BTreeSet<&str> = d.objects.iter().map(|o| o.class.as_deref().unwrap_or(UNCLASSIFIED)).collect();
+    let names: Vec<&str> = listed.iter().copied().chain(others.into_iter().filter(|name| !listed.contains(name))).collect();
     let numbers: BTreeMap<&str, u32> = names.iter().copied().zip(0..).collect();
     let of = d.objects.iter().map(|o| numbers[o.class.as_deref().unwrap_or(UNCLASSIFIED)]).collect();
     (names.into_iter().map(str::to_owned).collect(), of)

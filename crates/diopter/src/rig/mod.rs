@@ -14,8 +14,8 @@ pub mod path;
 
 pub use file::{CameraSection, FramesSection, ImuSection, KeySection, PathSection, RigFile, WriteSection};
 
-use crate::calibration::{Calibration, CalibrationError, PrincipalRay};
-use crate::dataset::item::{File, Making, truth_channels};
+use crate::calibration::{Format, PrincipalRay};
+use crate::dataset::item::{self, File, Making, truth_channels};
 use crate::expose::{ExposeError, ProgressReporter};
 use crate::files;
 use crate::moving_part;
@@ -117,9 +117,10 @@ impl Rig {
                 let hint = hint.map_or(String::new(), |n| format!(" (did you mean \"{n}\"?)"));
                 checks.entry("[write] files", format!("\"{name}\""), &format!("one of {}{hint}", known.join(", ")))
             })?;
-            if !kinds.contains(&kind) {
-                kinds.push(kind);
+            if kinds.contains(&kind) {
+                return Err(checks.entry("[write] files", format!("\"{name}\" twice"), "each once"));
             }
+            kinds.push(kind);
         }
         let formats = match &file.write.calibration {
             None => calibration::RigFormat::NAMES.iter().map(|n| n.1).collect(),
@@ -193,6 +194,7 @@ impl Rig {
         let inputs = Inputs { mounted: Some(camera.mounted.clone()), ..Default::default() };
         let mut told = |text: &str| warn(&format!("camera {}: {text}", camera.name));
         let mut shot = Shot::prepare_cached(&camera.shot, inputs, scenes, &mut told)?;
+        shot.check_memory(item::memory_use(&self.files), None)?;
         if let Some(first) = first {
             // A scene without a scale has one light for all.
             shot.copy_light_scale_from(first);
@@ -224,14 +226,13 @@ impl Rig {
 
     /// What is known of the cameras, for other programs. `shots`: as [`Rig::shots`] gives them. Fails where no model can be fitted to a lens.
     pub fn calibration<'a>(&'a self, shots: &'a [Shot]) -> Result<RigCalibration<'a>, ShotError> {
-        let cameras = self.cameras.iter().zip(shots).map(|(camera, shot)| -> Result<_, CalibrationError> {
-            let is_developed = self.shows_developed();
-            let calibration: Calibration = shot.calibration_of("", is_developed, None)?;
+        let cameras = self.cameras.iter().zip(shots).map(|(camera, shot)| -> Result<_, ShotError> {
+            let calibration = item::calibration(shot, &self.files, "")?;
             // Of the exposure that was metered; all others are like it.
             let middle = shot.calibration_frame("").middle().map_or(0.0, |p| p.time_s);
             let pictures = self.times_s.iter().enumerate().map(|(k, time_s)| {
                 let moment_s = time_s + camera.trigger_s + middle;
-                let picture = self.picture_ending().map_or_else(|| self.key(k), |e| format!("{}.{e}", self.key(k)));
+                let picture = item::picture_name(&self.files, &self.key(k));
                 Picture {
                     file: format!("{}/{picture}", camera.name),
                     stamp_s: *time_s,
@@ -243,7 +244,7 @@ impl Rig {
                 name: &camera.name,
                 camera: &shot.camera,
                 calibration,
-                geometry: is_developed.then(|| shot.geometry()),
+                geometry: item::is_developed(&self.files).then(|| shot.geometry()),
                 rig_from_camera: camera.mounted.rig_from_camera,
                 trigger_s: camera.trigger_s,
                 middle_s: middle,
@@ -254,22 +255,11 @@ impl Rig {
         Ok(RigCalibration { cameras, path: &self.path, imu: self.imu.as_ref(), which: PrincipalRay::CHIEF })
     }
 
-    /// Ending of the pictures that other programs look at.
-    fn picture_ending(&self) -> Option<String> {
-        let looked_at = [File::Jpeg, File::Png, File::Tiff, File::Exr, File::Dng];
-        looked_at.into_iter().find(|f| self.files.contains(f)).map(File::name)
-    }
-
-    /// Whether those are developed.
-    fn shows_developed(&self) -> bool {
-        self.picture_ending().is_some_and(|ending| ending != File::Dng.name())
-    }
-
     /// Takes all pictures and gives all files to `save`: calibration and IMU first, then frame by frame. `warn` gets what was found odd. What was given when it fails stays given.
     /// Fails as [`Rig::shots`] and `save`, on a span of the IMU outside the path or of too many samples, and with [`ExposeError::Cancelled`].
     pub fn take(&self, watch: &ProgressReporter, warn: &mut dyn FnMut(&str), save: &mut Save) -> Result<TakenRig, ShotError> {
         let mut shots = self.shots(watch, warn)?;
-        if self.shows_developed() {
+        if item::is_developed(&self.files) {
             for (camera, shot) in self.cameras.iter().zip(&shots) {
                 shot.check_development().map_err(|e| ShotError::Entry {
                     place: format!("camera \"{}\"", camera.name),
@@ -344,8 +334,13 @@ impl Rig {
                 let raw = if self.files.iter().any(|f| f.is_read_out()) { Some(shot.read_out(&plane)?) } else { None };
                 let key = format!("{}/{}", camera.name, self.key(frame));
                 let failed = |e: diopter_image::ImageError| ShotError::Read { path: key.clone(), reason: e.to_string() };
+                let calibration_json = match self.files.contains(&File::Calibration) {
+                    true => item::calibration(shot, &self.files, &self.key(frame))?.text(Format::Json)?,
+                    false => String::new(),
+                };
                 for kind in &self.files {
-                    let bytes = Making { shot, plane: &plane, raw: raw.as_ref() }.bytes(*kind, &failed)?;
+                    let bytes = Making { shot, plane: &plane, raw: raw.as_ref(), calibration_json: &calibration_json }
+                        .bytes(*kind, &failed)?;
                     give(&format!("{key}.{}", kind.name()), &bytes, &mut files)?;
                 }
             }
@@ -462,7 +457,11 @@ impl Checks<'_> {
         let at = format!("camera \"{}\"", s.name);
         let plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
         const TAKEN: [&str; 3] = ["calibration", "imu0", "state_groundtruth_estimate0"];
-        if s.name.is_empty() || s.name.len() > 80 || !s.name.chars().all(plain) || TAKEN.contains(&s.name.as_str()) {
+        if TAKEN.contains(&s.name.as_str()) {
+            let expected = "another name: the rig's own files lie in a folder of that name";
+            return Err(self.entry(&at, format!("the name \"{}\"", s.name), expected));
+        }
+        if s.name.is_empty() || s.name.len() > 80 || !s.name.chars().all(plain) {
             return Err(self.entry(
                 &at,
                 format!("the name \"{}\"", s.name),

@@ -1,7 +1,8 @@
 //! How much memory a photograph takes, beside the scene: known before anything is metered.
 
-use super::Shot;
+use super::{Shot, ShotError, error};
 use crate::expose::bytes_needed;
+use crate::memory::{self, Bytes};
 use diopter_develop::denoise;
 use diopter_image::focal_plane::{STRIP_BYTES, bytes_a_pixel};
 use diopter_image::truth::Recorded;
@@ -48,6 +49,27 @@ impl Shot {
                 filter.bytes(self.bands()).into_iter().map(|(a_pixel, fixed)| Some(Denoising { a_pixel, fixed })).collect()
             }
         }
+    }
+
+    /// Refuses a shot that takes more memory than `allowed`, or, without it, than is free.
+    pub fn check_memory(&self, kept: ExposureUse, allowed: Option<Bytes>) -> Result<(), ShotError> {
+        let Some(available) = memory::available(allowed) else { return Ok(()) };
+        let needed = self.bytes_needed(kept);
+        if needed <= available {
+            return Ok(());
+        }
+        let limit = match allowed {
+            Some(bytes) => format!("--max-memory allows {bytes}"),
+            None => format!("{} are free", Bytes(available)),
+        };
+        let film = &self.camera.film;
+        let fits = match self.largest_size(available, kept) {
+            Some([width, height]) => format!("at most {width}x{height}"),
+            None => "more memory".into(),
+        };
+        let found =
+            format!("{}x{} in {} bands, whose exposure takes {}; {limit}", film.columns, film.rows, self.bands(), Bytes(needed));
+        Err(error::value("size", found, fits))
     }
 
     /// Bytes of the sums that an exposure by strips may have in memory, when so many are available in all.

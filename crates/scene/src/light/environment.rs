@@ -5,10 +5,11 @@
 //! sampled: scattered rays find it better.
 
 use super::{LightPoint, LightSample};
-use crate::exact::{Exact, Sink, Source, field};
+use crate::exact::{Exact, Sink, Source, field, field_or};
 use diopter_image::Raster;
-use diopter_light::color::SRGB_LUMINANCE;
+use diopter_light::color::{self, SRGB_LUMINANCE};
 use diopter_light::sampling::Grid2;
+use diopter_light::spectrum::Table;
 use diopter_light::{SampledSpectrum, SampledWavelengths, Spectrum};
 use glam::{Mat3, Vec2, Vec3};
 use serde_json::Value;
@@ -120,8 +121,31 @@ impl Environment {
         Environment::new(map, Mat3::IDENTITY, 1.0)
     }
 
+    /// The same light from everywhere, W·m⁻²·sr⁻¹·nm⁻¹; negative where no light is.
+    pub fn even(light: Spectrum) -> Self {
+        if let Spectrum::RgbLight { .. } = light {
+            return Environment::uniform(light.sample(&SampledWavelengths::rgb()).truncate().max(Vec3::ZERO));
+        }
+        // Of as much light, also where its colour is none of sRGB.
+        let rgb = color::srgb_of_light(|nm| light.at(nm)).max(Vec3::ZERO);
+        let luminance = color::luminance(|nm| light.at(nm)).max(0.0) as f32;
+        let shown = rgb.dot(SRGB_LUMINANCE);
+        let map = Environment::uniform(if shown > 0.0 { rgb * (luminance / shown) } else { Vec3::ZERO });
+        Environment { even: Some(light), ..map }
+    }
+
+    /// Its light at a wavelength, if it is the same from everywhere.
+    fn even_at(&self) -> Option<impl Fn(f32) -> f32> {
+        self.even.as_ref().map(|light| |nm: f32| light.at(nm) * self.scale)
+    }
+
     /// Both together, on the finer of the two maps; what polarises one of them is left out.
     pub fn plus(&self, other: &Environment) -> Environment {
+        let is_rgb = |e: &Environment| matches!(e.even, Some(Spectrum::RgbLight { .. }));
+        if let (Some(a), Some(b), false) = (self.even_at(), other.even_at(), is_rgb(self) && is_rgb(other)) {
+            let sum = (380..=780).map(|nm| nm as f32).map(|nm| a(nm) + b(nm)).collect();
+            return Environment::even(Spectrum::Table(Table::new(380.0, 1.0, sum)));
+        }
         let (fine, coarse) = if self.map.width >= other.map.width { (self, other) } else { (other, self) };
         let (w, h) = (fine.map.width, fine.map.height);
         let mut map = Raster::new(w, h, 3);
@@ -258,6 +282,7 @@ impl Exact for Environment {
             // By its first name, as files have it.
             ("aimed_luminance", self.sampled_luminance.write(sink)),
             ("invalid", self.invalid.write(sink)),
+            ("even", self.even.write(sink)),
         ];
         object.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()
     }
@@ -272,6 +297,7 @@ impl Exact for Environment {
             mean_luminance: field(value, "mean_luminance", source)?,
             sampled_luminance: field(value, "aimed_luminance", source)?,
             invalid: field(value, "invalid", source)?,
+            even: field_or(value, "even", source, plain.even.clone())?,
             ..plain
         })
     }
@@ -318,6 +344,22 @@ mod tests {
         let integral: f64 = (0..n * n).map(|i| env.pdf(diopter_light::sampling::sphere(stratum(i))) as f64).sum::<f64>();
         let integral = integral / (n * n) as f64 * 4.0 * std::f64::consts::PI;
         assert!((integral - 1.0).abs() < 0.03, "{integral}");
+    }
+
+    #[test]
+    fn even_light_keeps_its_spectrum_and_its_luminance() {
+        // A narrow blue, which no sRGB triple shows.
+        let blue = Table::new(380.0, 1.0, (380..=780).map(|nm| f32::from(u8::from((440..=460).contains(&nm)))).collect());
+        let luminance = color::luminance(|nm| blue.at(nm)) as f32;
+        let env = Environment::even(Spectrum::Table(blue.clone()));
+        assert!((env.mean_luminance() / luminance - 1.0).abs() < 1e-4, "{}", env.mean_luminance());
+        let wavelengths = SampledWavelengths::fixed([430.0, 450.0, 550.0, 620.0]);
+        assert_eq!(env.radiance(Vec3::X, &wavelengths).to_array(), [0.0, 1.0, 0.0, 0.0]);
+        let both = env.plus(&env).plus(&Environment::uniform(Vec3::ONE));
+        let white = Spectrum::light_from_rgb(Vec3::ONE);
+        let expected = [430.0, 450.0, 550.0, 620.0].map(|nm| 2.0 * blue.at(nm) + white.at(nm));
+        let found = both.radiance(Vec3::Y, &wavelengths).to_array();
+        assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-4), "{found:?} {expected:?}");
     }
 
     #[test]

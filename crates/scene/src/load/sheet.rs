@@ -46,7 +46,6 @@ use crate::material::{Conductor, Emission, Material, Scattering};
 use crate::scene::{CameraProjection, Description, FilmHints, Viewpoint};
 use crate::texture::Color;
 use diopter_light::Spectrum;
-use diopter_light::color::srgb_of_light;
 use diopter_light::spectrum::blackbody_with_luminance;
 use diopter_light::units::shown;
 use glam::{Affine3A, Mat3, Mat3A, Quat, Vec3};
@@ -324,8 +323,7 @@ pub fn load(bytes: &[u8], name: &str) -> Result<Description, SceneError> {
     }
     if let Some(sky) = &sheet.sky {
         let light = place.light("sky, luminance", sky.luminance, sky.temperature.unwrap_or(DAYLIGHT))?;
-        // A map of cd/m² in linear sRGB.
-        b.0.environment = Some(Environment::uniform(srgb_of_light(|nm| light.at(nm))));
+        b.0.environment = Some(Environment::even(light));
     }
     if let Some(camera) = &sheet.camera {
         b.0.cameras.push(viewpoint(&place, camera)?);

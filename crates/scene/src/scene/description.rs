@@ -49,6 +49,8 @@ pub struct Description {
     pub max_depth: Option<u32>,
     /// Whether surfaces that shine by a picture are lamps by the words of the file, however little of the picture is bright; else they may be displays of a model.
     pub declares_lamps: bool,
+    /// Classes that a table lists, each once, in its order: they are numbered first, so that scenes with one table have the same numbers.
+    pub listed_classes: Vec<Arc<str>>,
     /// What was found odd on the way.
     pub warnings: Vec<String>,
     /// Pictures and measured materials that its file names and that could not be read.

@@ -50,6 +50,45 @@ fn through(view: &Viewpoint, x: f32, y: f32) -> Ray {
 const HEAD: &str = "Film \"rgb\" \"integer xresolution\" 100 \"integer yresolution\" 100\nLookAt 0 0 0  0 0 1  0 1 0\nCamera \"perspective\" \"float fov\" 90\n";
 
 #[test]
+fn what_pbrt_does_not_know_is_an_error_or_told() {
+    let error = |text: &str| load_with(text, &[]).unwrap_err();
+    let ball = "WorldBegin Shape \"sphere\"";
+    for (text, told) in [
+        (format!("Sampler \"sobbol\" {HEAD}{ball}"), "did you mean \"sobol\"?"),
+        (format!("Integrator \"pth\" {HEAD}{ball}"), "did you mean \"path\"?"),
+        (format!("PixelFilter \"zzz\" {HEAD}{ball}"), "one of box, gaussian"),
+        (format!("{HEAD}{ball} LightSource \"infinite\" \"float L\" 1"), "\"float L\""),
+        (format!("{HEAD}WorldBegin AreaLightSource \"diffuse\" \"float L\" 1 Shape \"sphere\""), "\"float L\""),
+        (
+            format!(
+                "{HEAD}WorldBegin AreaLightSource \"diffuse\" \"rgb L\" [1 1 1] \"string filename\" \"a.pfm\" Shape \"sphere\""
+            ),
+            "L and filename",
+        ),
+        (
+            format!("{HEAD}WorldBegin Material \"diffuse\" \"spectrum reflectance\" \"stdillum-F12x\" Shape \"sphere\""),
+            "known by name",
+        ),
+    ] {
+        let found = error(&text);
+        assert!(found.contains(told), "{text}: {found}");
+    }
+    let warned = |text: &str| load(text).warnings.join("; ");
+    let film = HEAD.replace("\"integer yresolution\" 100", "\"integer yresolution\" 50 \"float bogus\" 3");
+    let told = warned(&format!("Integrator \"path\" \"integer maxdpth\" 3 {film}{ball}"));
+    assert!(told.contains("\"float bogus\"") && told.contains("\"integer maxdpth\""), "{told}");
+    assert!(!told.contains("square"), "{told}");
+    let told = warned(&format!("{} \"float frameaspectratio\" 1 {ball}", film.trim_end()));
+    assert!(told.contains("1.000 : 1 on a film of 100 x 50"), "{told}");
+    let told = warned(&format!(
+        "{HEAD}WorldBegin ActiveTransform EndTime Translate 1 0 0 LightSource \"point\" ActiveTransform All Shape \"sphere\""
+    ));
+    assert!(told.contains("a light that moves"), "{told}");
+    let crop = HEAD.replace("\"rgb\"", "\"rgb\" \"float cropwindow\" [0 1 0 1]");
+    assert!(!warned(&format!("{crop}{ball}")).contains("cropped"));
+}
+
+#[test]
 fn light_of_scale_one_has_one_candela_a_square_metre() {
     // A wall of light ahead; every way of saying 1.
     for l in ["", "\"rgb L\" [1 1 1]", "\"blackbody L\" 4000", "\"spectrum L\" \"stdillum-A\"", "\"spectrum L\" [400 7 700 30]"] {

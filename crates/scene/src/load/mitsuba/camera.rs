@@ -67,6 +67,14 @@ pub fn add(context: &mut Context, node: &Node) -> Result<(), SceneError> {
             };
             CameraProjection::Perspective { vertical_fov: (2.0 * half_height.atan()) as f32 }
         }
+        "orthographic" if (place.x_axis.truncate().length() / place.y_axis.truncate().length() - 1.0).abs() > 1e-3 => {
+            let [x, y] = [place.x_axis, place.y_axis].map(|axis| axis.truncate().length());
+            return Err(wrong(
+                node,
+                format!("an orthographic sensor scaled by {x:.4} across and {y:.4} upwards"),
+                "one scale: pixels are square",
+            ));
+        }
         "orthographic" => CameraProjection::Orthographic { height: (2.0 * place.y_axis.truncate().length() / aspect) as f32 },
         other => {
             node.leave_out();

@@ -1,6 +1,7 @@
 //! What readers of parts ask of the scene in the making: files, objects by reference, what is left out, and what has been described so far.
 
 use super::tree::Node;
+use super::values::Shade;
 use super::wrong;
 use crate::SceneError;
 use crate::load::{Fetch, measured_or_stand_in, note_missing, read_texture};
@@ -20,6 +21,8 @@ pub(super) struct Context<'a> {
     pub fetch: Fetch<'a>,
     /// Objects by their identifiers.
     ids: HashMap<String, Arc<Node>>,
+    /// An element whose identifier another one has.
+    pub twice: Option<Arc<Node>>,
     pub description: Description,
     pictures: HashMap<String, Option<Arc<Image>>>,
     measured: HashMap<String, Scattering>,
@@ -30,11 +33,14 @@ pub(super) struct Context<'a> {
 
 type Read<T> = Result<T, SceneError>;
 
-fn gather(node: &Arc<Node>, ids: &mut HashMap<String, Arc<Node>>) {
-    if let Some(id) = node.get("id").filter(|_| !matches!(node.tag.as_str(), "ref" | "alias")) {
-        ids.entry(id.to_owned()).or_insert_with(|| node.clone());
+/// Gathers elements by their identifiers; the first whose identifier is taken goes to `twice`.
+fn gather(node: &Arc<Node>, ids: &mut HashMap<String, Arc<Node>>, twice: &mut Option<Arc<Node>>) {
+    if let Some(id) = node.get("id").filter(|_| !matches!(node.tag.as_str(), "ref" | "alias"))
+        && ids.insert(id.to_owned(), node.clone()).is_some()
+    {
+        twice.get_or_insert_with(|| node.clone());
     }
-    node.children.iter().for_each(|c| gather(c, ids));
+    node.children.iter().for_each(|c| gather(c, ids, twice));
 }
 
 /// Adds the second names of elements. Source: Mitsuba 3, `<alias id="..." as="..."/>`.
@@ -50,13 +56,14 @@ fn gather_aliases(node: &Arc<Node>, ids: &mut HashMap<String, Arc<Node>>) {
 impl<'a> Context<'a> {
     /// For the file `name`, nothing read yet.
     pub fn new(name: &str, fetch: Fetch<'a>, root: &Node) -> Self {
-        let mut ids = HashMap::new();
-        root.children.iter().for_each(|c| gather(c, &mut ids));
+        let (mut ids, mut twice) = (HashMap::new(), None);
+        root.children.iter().for_each(|c| gather(c, &mut ids, &mut twice));
         root.children.iter().for_each(|c| gather_aliases(c, &mut ids));
         Context {
             name: name.to_owned(),
             fetch,
             ids,
+            twice,
             description: Description { name: name.to_owned(), ..Default::default() },
             pictures: HashMap::new(),
             measured: HashMap::new(),
@@ -103,6 +110,15 @@ impl<'a> Context<'a> {
     pub fn resolved_if(&self, child: &Arc<Node>, tag: &str) -> Read<Option<Arc<Node>>> {
         let there = if child.tag == "ref" || child.tag == tag { Some(self.resolved(child)?) } else { None };
         Ok(there.filter(|n| n.tag == tag))
+    }
+
+    /// A colour or spectrum by name, given there or by reference; `None` where there is none. Fails on textures.
+    pub fn shade(&self, node: &Node, name: &str) -> Read<Option<Shade>> {
+        let Some(child) = node.child(name) else { return Ok(None) };
+        match Shade::of(&*self.resolved(child)?)? {
+            Some(shade) => Ok(Some(shade)),
+            None => Err(wrong(child, format!("a {} as \"{name}\"", self.resolved(child)?.tag), "a colour or a spectrum")),
+        }
     }
 
     /// A picture of a surface; none where it is missing, which is noted.

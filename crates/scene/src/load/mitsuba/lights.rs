@@ -2,14 +2,14 @@
 
 use super::context::Context;
 use super::tree::Node;
-use super::values::{Shade, number, shade, text, transform, vector};
+use super::values::{Shade, number, text, transform, vector};
 use super::wrong;
 use crate::SceneError;
 use crate::light::{Environment, Modulation, Punctual, PunctualKind, SpotEdge};
 use crate::load::read_light_picture;
 use crate::material::{Emission, EmissionColor};
 use crate::texture::Color;
-use glam::{DMat4, DVec3, Mat3, Vec3};
+use glam::{DMat4, DVec3, Mat3};
 use std::sync::Arc;
 
 type Read<T> = Result<T, SceneError>;
@@ -19,10 +19,10 @@ pub fn emission(context: &mut Context, node: &Arc<Node>) -> Read<Emission> {
     if node.kind() != "area" {
         return Err(wrong(node, format!("emitter \"{}\" of a shape", node.kind()), "area"));
     }
-    let radiance = match shade(node, "radiance")? {
-        Some(shade) => EmissionColor::Constant(shade.light(1.0)),
-        None if node.child("radiance").is_none() => EmissionColor::Constant(Shade::Even(1.0).light(1.0)),
-        None => match context.color(node, "radiance", 1.0)? {
+    let is_texture = |child: &Arc<Node>| context.resolved(child).map(|c| c.tag == "texture");
+    let radiance = match node.child("radiance").map(is_texture).transpose()? {
+        Some(false) | None => EmissionColor::Constant(context.shade(node, "radiance")?.unwrap_or(Shade::Even(1.0)).light(1.0)),
+        Some(true) => match context.color(node, "radiance", 1.0)? {
             Color::Textured { factor, texture } => {
                 context.description.declares_lamps = true;
                 EmissionColor::Textured { factor, texture }
@@ -36,20 +36,15 @@ pub fn emission(context: &mut Context, node: &Arc<Node>) -> Read<Emission> {
 /// A light of its own.
 pub fn add(context: &mut Context, node: &Arc<Node>) -> Read<()> {
     let place = transform(node, "to_world")?;
-    let light = |name: &str| -> Read<_> {
-        match (shade(node, name)?, node.child(name)) {
-            (Some(shade), _) => Ok(shade.light(1.0)),
-            (None, None) => Ok(Shade::Even(1.0).light(1.0)),
-            (None, Some(child)) => Err(wrong(child, format!("a texture as {name}"), "a colour or a spectrum")),
-        }
-    };
+    let light = |context: &Context, name: &str| Ok(context.shade(node, name)?.unwrap_or(Shade::Even(1.0)).light(1.0));
     let unit =
         |v: DVec3| v.try_normalize().map(|v| v.as_vec3()).ok_or_else(|| wrong(node, "a direction of no length", "x, y and z"));
     let name = node.get("id").map_or_else(|| format!("light {}", context.description.punctual.len()), str::to_owned);
     match node.kind() {
         "point" => {
             let position = place.transform_point3(vector(node, "position", DVec3::ZERO)?).as_vec3();
-            context.description.punctual.push(Punctual::new(&name, light("intensity")?, PunctualKind::Point { position }));
+            let light = light(context, "intensity")?;
+            context.description.punctual.push(Punctual::new(&name, light, PunctualKind::Point { position }));
         }
         "spot" => {
             let cutoff = number(node, "cutoff_angle", 20.0)?;
@@ -71,7 +66,8 @@ pub fn add(context: &mut Context, node: &Arc<Node>) -> Read<()> {
                 cos_outer: cutoff.to_radians().cos() as f32,
                 edge: SpotEdge::LinearInAngle,
             };
-            context.description.punctual.push(Punctual::new(&name, light("intensity")?, kind));
+            let light = light(context, "intensity")?;
+            context.description.punctual.push(Punctual::new(&name, light, kind));
         }
         "directional" => {
             let ahead = match node.child("direction") {
@@ -79,11 +75,12 @@ pub fn add(context: &mut Context, node: &Arc<Node>) -> Read<()> {
                 None => place.transform_vector3(DVec3::Z),
             };
             let kind = PunctualKind::Directional { direction: unit(ahead)? };
-            context.description.punctual.push(Punctual::new(&name, light("irradiance")?, kind));
+            let light = light(context, "irradiance")?;
+            context.description.punctual.push(Punctual::new(&name, light, kind));
         }
         "constant" => {
-            let rgb = shade(node, "radiance")?.unwrap_or(Shade::Even(1.0)).light_rgb().max(Vec3::ZERO);
-            surround(context, Environment::uniform(rgb));
+            let light = light(context, "radiance")?;
+            surround(context, Environment::even(light));
         }
         "envmap" => {
             let file = text(node, "filename")

@@ -395,14 +395,20 @@ impl Context<'_> {
             ..Principled::new(base, ior.clamp(1.0, 10.0) as f32)
         };
         // A quarter of the coat's strength, and gloss from α 0.1 to 0.001 (B. Burley 2012).
-        let coat = number(node, "clearcoat", 0.0)?.clamp(0.0, 1.0) as f32;
-        p.clearcoat = Scalar::Constant(0.25 * coat);
+        p.clearcoat = product(self.scalar(node, "clearcoat", 0.0)?, Scalar::Constant(0.25));
+        if node.child("clearcoat_gloss").is_some_and(|c| !matches!(c.tag.as_str(), "float" | "integer")) {
+            self.skip_unsupported("a texture as \"clearcoat_gloss\" of principled BSDFs");
+        }
         let gloss = number(node, "clearcoat_gloss", 0.0)?.clamp(0.0, 1.0) as f32;
         p.clearcoat_roughness = Scalar::Constant((0.1 + (0.001 - 0.1) * gloss).sqrt());
         for name in ["anisotropic", "sheen", "sheen_tint", "spec_tint", "flatness", "diff_trans"] {
             if node.child(name).is_some_and(|c| c.get("value").is_none_or(|v| v.trim().parse::<f64>() != Ok(0.0))) {
                 self.skip_unsupported(format!("\"{name}\" of principled BSDFs"));
             }
+        }
+        if node.kind() == "principledthin" {
+            // Theirs reflects like glass only as far as it lets light through.
+            p.specular = p.transmission.clone();
         }
         let transmits = !matches!(p.transmission, Scalar::Constant(t) if t <= 0.0);
         let is_body = transmits && node.kind() == "principled";
@@ -466,8 +472,10 @@ impl Context<'_> {
         if (index(node, "ext_eta", 1.0)? - 1.0).abs() > 1e-3 {
             self.skip_unsupported("\"ext_eta\" of metals");
         }
-        if let (Some(eta), Some(k)) = (values::shade(node, "eta")?, values::shade(node, "k")?) {
-            return Ok(of(eta.unbounded(), k.unbounded()));
+        if node.child("eta").is_some() || node.child("k").is_some() {
+            // Theirs without the other one.
+            let part = |name: &str, default: f32| self.shade(node, name).map(|s| s.unwrap_or(Shade::Even(default)).unbounded());
+            return Ok(of(part("eta", 0.0)?, part("k", 1.0)?));
         }
         let name = values::text(node, "material").unwrap_or("none");
         if name == "none" {
@@ -494,9 +502,9 @@ impl Context<'_> {
         if let Some(shade) = Shade::of(&child)? {
             return Ok(match shade {
                 Shade::Points(points) => {
-                    let table = Table::from_points(&points);
-                    let values = (0..=80).map(|i| table.at(380.0 + 5.0 * i as f32).clamp(0.0, 1.0)).collect();
-                    Color::spectrum(Spectrum::Table(Table::new(380.0, 5.0, values)))
+                    let table = values::bounded(&points);
+                    let values = (0..=400).map(|i| table.at(380.0 + i as f32).clamp(0.0, 1.0)).collect();
+                    Color::spectrum(Spectrum::Table(Table::new(380.0, 1.0, values)))
                 }
                 other => {
                     let rgb = other.rgb().clamp(Vec3::ZERO, Vec3::ONE);

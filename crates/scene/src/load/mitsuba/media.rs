@@ -34,8 +34,12 @@ pub(super) fn of(context: &mut Context, node: &Arc<Node>) -> Read<Medium> {
     let bare = Medium { name: node.get("id").unwrap_or("medium").to_owned(), asymmetry, emission: None, ..Medium::default() };
     match node.kind() {
         "homogeneous" => {
-            let rgb = |name: &str, default: f32| -> Read<Vec3> {
-                Ok(values::shade(node, name)?.map_or(Vec3::splat(default), |s| s.rgb()).max(Vec3::ZERO))
+            let mut rgb = |name: &str, default: f32| match filling(context, node, name)? {
+                None => Ok(Vec3::splat(default)),
+                Some(Source::Even(rgb)) => Ok(rgb),
+                Some(Source::Grid(_)) => {
+                    Err(wrong(node, format!("a grid as \"{name}\""), "one value: a heterogeneous medium has grids"))
+                }
             };
             // Mitsuba 0.x names either both or extinction and albedo.
             let (absorption, scattering) = match (node.child("sigma_a"), node.child("sigma_s")) {

@@ -542,6 +542,43 @@ mod tests {
     }
 
     #[test]
+    fn lists_of_values_end_at_their_ends_and_indices_go_on() {
+        let list = "value='500:0.2, 600:0.6'";
+        let d = read(&format!(
+            "<shape type='sphere'><bsdf type='diffuse'><spectrum name='reflectance' {list}/></bsdf></shape>\
+             <emitter type='constant'><spectrum name='radiance' {list}/></emitter>\
+             <shape type='sphere'><bsdf type='conductor'><spectrum name='eta' {list}/></bsdf></shape>"
+        ))
+        .unwrap();
+        let nm = diopter_light::SampledWavelengths::fixed([450.0, 500.0, 550.0, 650.0]);
+        let table = values::bounded(&[(500.0, 0.2), (600.0, 0.6)]);
+        let found = [450.0, 500.0, 550.0, 650.0].map(|nm| table.at(nm));
+        assert!(found.iter().zip([0.0, 0.2, 0.4, 0.0]).all(|(a, b)| (a - b).abs() < 1e-5), "{found:?}");
+        let light = d.environment.as_ref().unwrap().radiance(Vec3::X, &nm).to_array();
+        assert!(light[0] == 0.0 && light[3] == 0.0 && (light[2] / light[1] - 2.0).abs() < 1e-5, "{light:?}");
+        let Scattering::Conductor(metal) = &d.materials[1].scattering else { panic!("a metal") };
+        assert_eq!((metal.n.at(450.0), metal.n.at(650.0)), (0.2, 0.6));
+        // Theirs of the other number.
+        assert_eq!(metal.k.at(550.0), 1.0);
+    }
+
+    #[test]
+    fn values_by_reference_and_volumes_of_one_value_count() {
+        let d = read(
+            "<spectrum type='d65' id='s'><float name='scale' value='7'/></spectrum><emitter type='constant'><ref name='radiance' id='s'/></emitter>\
+             <shape type='sphere'><bsdf type='null'/><medium type='homogeneous' name='interior'>\
+             <volume type='constvolume' name='sigma_t'><float name='value' value='3'/></volume><float name='albedo' value='0'/></medium></shape>",
+        )
+        .unwrap();
+        let nits = d.environment.as_ref().unwrap().mean_luminance();
+        assert!((nits / 7.0 - 1.0).abs() < 1e-3, "{nits}");
+        let Interior::Sides([Some(medium), None]) = &d.materials[0].interior else { panic!("a medium within") };
+        let nm = diopter_light::SampledWavelengths::rgb();
+        assert!((medium.absorption.sample(&nm).x - 3.0).abs() < 1e-5);
+        assert!(d.warnings.is_empty(), "{:?}", d.warnings);
+    }
+
+    #[test]
     fn bad_scenes_are_told_where_and_what() {
         for (body, word) in [
             ("<shape type='sphere'><ref id='gone'/></shape>", "line 2: \"gone\""),
@@ -562,6 +599,24 @@ mod tests {
             ),
             ("<shape type='linearcurve'><string name='filename' value='t.obj'/></shape>", "line 1"),
             ("<emitter type='constant'/>", "no surface"),
+            ("<shpae type='cube'/>", "line 2: <shpae>; expected an element of Mitsuba's scenes (did you mean <shape>?)"),
+            ("<shape type='sphere'><flaot name='radius' value='2'/></shape>", "did you mean <float>?"),
+            ("<shape type='sphere'><string name='radius' value='2'/></shape>", "a string as \"radius\""),
+            ("<shape type='sphere'><float name='radius'/></shape>", "\"radius\" without a value"),
+            (
+                "<bsdf type='diffuse' id='a'/><bsdf type='conductor' id='a'/><shape type='sphere'/>",
+                "another element with the id \"a\"",
+            ),
+            ("<shape type='sphere'><bsdf type='diffuse'/><bsdf type='diffuse'/></shape>", "2 bsdfs in one shape"),
+            ("<shape type='sphere'><emitter type='area'/><emitter type='area'/></shape>", "2 emitters in one shape"),
+            (
+                "<emitter type='constant'><texture type='checkerboard' name='radiance'/></emitter><shape type='cube'/>",
+                "a texture as \"radiance\"",
+            ),
+            (
+                "<sensor type='orthographic'><transform name='to_world'><scale x='2' y='3'/></transform></sensor><shape type='cube'/>",
+                "scaled by 2.0000 across and 3.0000 upwards",
+            ),
         ] {
             let e = read(body).unwrap_err().to_string();
             assert!(e.starts_with("s.xml") && e.contains(word), "{body}: {e}");

@@ -2,6 +2,7 @@
 
 use crate::SceneError;
 use crate::load::Fetch;
+use diopter_light::names::nearest;
 use std::collections::HashMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -26,6 +27,37 @@ pub struct Node {
 /// Elements that are a value of the one they lie in.
 const VALUES: [&str; 12] =
     ["float", "integer", "boolean", "string", "point", "vector", "rgb", "srgb", "spectrum", "blackbody", "transform", "texture"];
+/// Elements that are objects, parts of a transform, or about the file. Source: Mitsuba 3 and 0.6, their XML parsers.
+const OTHERS: [&str; 28] = [
+    "scene",
+    "shape",
+    "bsdf",
+    "emitter",
+    "sensor",
+    "film",
+    "sampler",
+    "rfilter",
+    "integrator",
+    "medium",
+    "phase",
+    "volume",
+    "subsurface",
+    "animation",
+    "ref",
+    "alias",
+    "default",
+    "include",
+    "path",
+    "translate",
+    "rotate",
+    "scale",
+    "matrix",
+    "lookat",
+    "lookAt",
+    "look_at",
+    "color",
+    "utility",
+];
 /// Values that no picture of a real camera depends on: where rays are cut off, how samples are drawn and texels kept, and the shutter, which is the camera's own.
 const WITHOUT_EFFECT: [&str; 21] = [
     "rr_depth",
@@ -90,6 +122,24 @@ impl Node {
             found.extend(names.map(|name| format!("\"{name}\" of {} \"{}\"", self.tag, self.get("type").unwrap_or_default())));
         }
         self.children.iter().for_each(|c| c.unread(found));
+    }
+
+    /// Fails at the first element in it that Mitsuba's scenes do not have: what is misspelt would be left out.
+    pub fn check_elements(&self) -> Result<(), SceneError> {
+        for child in &self.children {
+            if !VALUES.contains(&child.tag.as_str()) && !OTHERS.contains(&child.tag.as_str()) {
+                let known = VALUES.iter().chain(&OTHERS).copied();
+                let hint = nearest(&child.tag, known).map_or(String::new(), |name| format!(" (did you mean <{name}>?)"));
+                return Err(wrong(
+                    &child.file,
+                    child.line,
+                    format!("<{}>", child.tag),
+                    &format!("an element of Mitsuba's scenes{hint}"),
+                ));
+            }
+            child.check_elements()?;
+        }
+        Ok(())
     }
 
     /// Children with a tag.

@@ -29,9 +29,15 @@ fn number_of(node: &Node, name: &str, default: f64) -> Read<f64> {
 
 /// A float or an integer by name.
 pub fn number(node: &Node, name: &str, default: f64) -> Read<f64> {
-    match node.child(name).filter(|c| matches!(c.tag.as_str(), "float" | "integer")) {
-        Some(child) => number_of(child, "value", default),
-        None => Ok(default),
+    match node.child(name) {
+        Some(child) if matches!(child.tag.as_str(), "float" | "integer") => match child.get("value") {
+            Some(_) => number_of(child, "value", default),
+            None => Err(wrong(child, format!("\"{name}\" without a value"), "value=\"...\"")),
+        },
+        Some(child) if matches!(child.tag.as_str(), "string" | "boolean" | "point" | "vector" | "transform") => {
+            Err(wrong(child, format!("a {} as \"{name}\"", child.tag), "a float"))
+        }
+        _ => Ok(default),
     }
 }
 
@@ -162,27 +168,16 @@ impl Shade {
         }
     }
 
-    /// Linear sRGB: of a reflectance.
+    /// Linear sRGB.
     pub fn rgb(&self) -> Vec3 {
         match self {
             Shade::Rgb(rgb) => *rgb,
             Shade::Even(v) | Shade::EvenSpectrum(v) => Vec3::splat(*v),
-            Shade::Points(points) => crate::texture::spectrum_rgb(&Spectrum::Table(Table::from_points(points))).max(Vec3::ZERO),
+            Shade::Points(points) => crate::texture::spectrum_rgb(&Spectrum::Table(bounded(points))).max(Vec3::ZERO),
             Shade::Blackbody(kelvin, scale) => {
                 let light = blackbody_light(*kelvin, *scale);
                 color::srgb_of_light(|nm| light.at(nm)).max(Vec3::ZERO)
             }
-        }
-    }
-
-    /// Linear sRGB: of a light.
-    pub fn light_rgb(&self) -> Vec3 {
-        match self {
-            Shade::Points(_) | Shade::EvenSpectrum(_) => {
-                let light = self.light(1.0);
-                color::srgb_of_light(|nm| light.at(nm))
-            }
-            other => other.rgb(),
         }
     }
 
@@ -193,7 +188,7 @@ impl Shade {
             Shade::Points(points) => {
                 // An even spectrum of 1 has 1 cd/m².
                 let even = color::luminance(|_| 1.0) as f32;
-                Spectrum::Table(Table::from_points(points).scaled(factor / even))
+                Spectrum::Table(bounded(points).scaled(factor / even))
             }
             Shade::EvenSpectrum(v) => Shade::Points(vec![(380.0, v.max(0.0)), (780.0, v.max(0.0))]).light(factor),
             other => Spectrum::light_from_rgb(other.rgb().max(Vec3::ZERO) * factor),
@@ -212,6 +207,20 @@ impl Shade {
             }
         }
     }
+}
+
+/// A light or a reflectance by its values: 0 beyond their ends, as Mitsuba has it (an index goes on).
+pub fn bounded(points: &[(f32, f32)]) -> Table {
+    let at = |nm: f32| match points.partition_point(|p| p.0 < nm) {
+        i if points.get(i).is_some_and(|p| p.0 == nm) => points[i].1,
+        0 => 0.0,
+        i if i == points.len() => 0.0,
+        i => {
+            let ((x0, y0), (x1, y1)) = (points[i - 1], points[i]);
+            y0 + (y1 - y0) * (nm - x0) / (x1 - x0)
+        }
+    };
+    Table::new(380.0, 1.0, (380..=780).map(|nm| at(nm as f32)).collect())
 }
 
 /// Values by wavelength, nm. Fails without any.

@@ -54,6 +54,11 @@ impl<'a> World<'a> {
 
     /// Reads all of the file. Fails at the first entry that cannot be read.
     pub fn run(mut self, root: &Node) -> Read<Description> {
+        if let Some(node) = self.context.twice.take() {
+            let found = format!("another element with the id \"{}\"", node.get("id").unwrap_or_default());
+            return Err(wrong(&node, found, "an id of its own for each"));
+        }
+        root.check_elements()?;
         for child in &root.children {
             match child.tag.as_str() {
                 "shape" if child.kind() == "shapegroup" => (),
@@ -248,6 +253,15 @@ impl<'a> World<'a> {
 
     /// The number of the material of a shape: its BSDF, light and interior.
     fn material(&mut self, node: &Arc<Node>) -> Read<u32> {
+        for tag in ["bsdf", "emitter"] {
+            let mut count = 0;
+            for child in &node.children {
+                count += usize::from(self.context.resolved_if(child, tag)?.is_some());
+            }
+            if count > 1 {
+                return Err(wrong(node, format!("{count} {tag}s in one shape"), "one"));
+            }
+        }
         let bsdf = self.context.nested(node, "bsdf", None)?;
         let emitter = self.context.nested(node, "emitter", None)?;
         let medium = |name: &str| -> Read<Option<Arc<Node>>> { self.context.nested(node, "medium", Some(name)) };

@@ -38,13 +38,17 @@ pub fn film(context: &mut Context, p: &Params, kind: &str) -> Result<FilmHints, 
             None
         }
     };
-    let whole = |name: &str| p.get(name).is_none();
-    if !whole("cropwindow") || !whole("pixelbounds") {
+    let crop = p.floats("cropwindow")?.is_some_and(|c| c != [0.0, 1.0, 0.0, 1.0]);
+    if crop || p.get("pixelbounds").is_some() {
         context.warn(p.place, "the film is cropped: all of it is shown");
     }
     let diagonal = p.float("diagonal", 35.0)?;
     if !(0.1..=2000.0).contains(&diagonal) {
         return Err(p.place.fault(format!("a film diagonal of {diagonal}"), "0.1 to 2000 mm"));
+    }
+    // What says nothing about a picture of a real camera.
+    for name in ["filename", "savefp16", "maxcomponentvalue", "nbuckets", "lambdamin", "lambdamax", "coordinatesystem", "scale"] {
+        p.get(name);
     }
     // Without a real sensor pbrt's film records light itself.
     let sensor = p.text("sensor")?.filter(|s| *s != "cie1931").map(str::to_owned);
@@ -52,6 +56,7 @@ pub fn film(context: &mut Context, p: &Params, kind: &str) -> Result<FilmHints, 
         Some(_) => Some(p.float("iso", 100.0)?).filter(|iso| *iso > 0.0 && iso.is_finite()),
         None => None,
     };
+    context.say_unused(p);
     Ok(FilmHints { size, diagonal_mm: Some(diagonal), sensor, iso })
 }
 
@@ -80,6 +85,11 @@ pub fn viewpoint(
         Some([a, b, c, d]) if a < b && c < d => [*a, *b, *c, *d],
         Some(other) => return Err(p.place.fault(format!("screenwindow {other:?}"), "left, right, bottom, top")),
     };
+    let shape = (window[1] - window[0]) / (window[3] - window[2]);
+    if film.size.is_some() && (shape * h / w - 1.0).abs() > 1e-3 {
+        let found = format!("a screen of {shape:.3} : 1 on a film of {w} x {h} pixels, which pbrt stretches");
+        context.warn(p.place, format!("{found}: pixels are square here, and the height of the screen is shown"));
+    }
     let off_axis =
         (window[0] + window[1]).abs() > 1e-6 * window[1].abs() || (window[2] + window[3]).abs() > 1e-6 * window[3].abs();
     if off_axis {

@@ -12,7 +12,7 @@ use crate::material::{Emission, EmissionColor};
 use crate::texture::{Interpolation, Texture};
 use diopter_image::Raster;
 use diopter_light::Spectrum;
-use diopter_light::color::{self, SRGB_LUMINANCE};
+use diopter_light::color::SRGB_LUMINANCE;
 use diopter_light::spectrum::Table;
 use glam::{Affine2, DMat4, DVec4, Mat3, Vec2, Vec3};
 use std::f64::consts::PI;
@@ -87,8 +87,12 @@ pub fn make(context: &mut Context, kind: &str, p: &Params, world_from_light: DMa
                 let name = name.to_owned();
                 return ies(context, p, &name, world_from_light, scale, at_least_0("power")?);
             }
-            let picture = crate::load::read_light_picture(&context.file(name, place)?)
+            let mut picture = crate::load::read_light_picture(&context.file(name, place)?)
                 .map_err(|e| place.fault(format!("{name}: {e}"), "a picture (EXR, HDR, PNG)"))?;
+            if kind == "goniometric" {
+                // pbrt's has one channel: the mean of a colour.
+                picture.data.as_chunks_mut::<3>().0.iter_mut().for_each(|p| *p = [p.iter().sum::<f32>() / 3.0; 3]);
+            }
             let spectrum = match kind {
                 "goniometric" => spectra::get(context, p, "I", Use::Light, white)?,
                 _ => white,
@@ -130,7 +134,7 @@ pub fn make(context: &mut Context, kind: &str, p: &Params, world_from_light: DMa
         }
         "infinite" => {
             if p.get("portal").is_some() {
-                context.warn(place, "a portal only guides pbrt's sampling: it is not used");
+                context.warn(place, "light comes from all around, also from beside the portal, where pbrt's is dark");
             }
             let lux = at_least_0("illuminance")?;
             let turn = |m: DMat4| {
@@ -142,7 +146,7 @@ pub fn make(context: &mut Context, kind: &str, p: &Params, world_from_light: DMa
                 None => {
                     let spectrum = spectra::get(context, p, "L", Use::Light, white)?;
                     let factor = scale * if lux > 0.0 { lux / PI } else { 1.0 };
-                    Environment::uniform(color::srgb_of_light(|nm| spectrum.at(nm)).max(Vec3::ZERO) * factor as f32)
+                    Environment::even(times(&spectrum, factor))
                 }
                 Some(name) => {
                     let name = name.to_owned();
@@ -199,6 +203,9 @@ fn times(spectrum: &Spectrum, factor: f64) -> Spectrum {
 pub fn emission(context: &mut Context, p: &Params, area: f32) -> Result<Emission, Fault> {
     let picture = match p.text("filename")? {
         None => None,
+        Some(_) if p.get("L").is_some() => {
+            return Err(p.place.fault("an area light with L and filename", "one of them: a colour or a picture"));
+        }
         Some(name) => {
             context.description.declares_lamps = true;
             let image = context.picture(name).map_or_else(crate::load::stand_in, Arc::new);

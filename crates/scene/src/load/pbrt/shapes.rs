@@ -207,9 +207,7 @@ fn elevated(points: &[Vec3]) -> Vec<Vec3> {
 }
 
 fn triangle_mesh(p: &Params, place: Place) -> Result<Mesh, Fault> {
-    for name in ["S", "faceIndices"] {
-        p.get(name);
-    }
+    p.get("faceIndices");
     let positions = p.vectors("P")?.ok_or_else(|| place.fault("a trianglemesh without P", "\"point3 P\""))?;
     let indices = match p.indices("indices")? {
         Some(i) => i,

@@ -86,6 +86,13 @@ fn any(context: &Context, p: &Param, purpose: Use) -> Result<Spectrum, Fault> {
             let name = names.first().map_or("", String::as_str);
             match named(name) {
                 Some(t) => Ok(lit(t, purpose)),
+                None if ["stdillum-", "illum-", "glass-", "metal-", "canon_", "nikon_", "sony_"]
+                    .iter()
+                    .any(|family| name.starts_with(family)) =>
+                {
+                    let expected = "a spectrum that is known by name (stdillum-D65 or another of CIE's, glass-BK7, metal-Cu-eta ...), or a file of wavelengths and values";
+                    Err(p.place.fault(format!("spectrum \"{name}\""), expected))
+                }
                 None => {
                     let bytes = context.file(name, p.place)?;
                     let text = String::from_utf8_lossy(&bytes).into_owned();
@@ -98,7 +105,8 @@ fn any(context: &Context, p: &Param, purpose: Use) -> Result<Spectrum, Fault> {
                 }
             }
         }
-        (Values::Numbers(n), "float") if n.len() == 1 => Ok(Spectrum::Constant(n[0] as f32)),
+        // No spectrum in pbrt; a number without bound is the same at all wavelengths, light has no such unit.
+        (Values::Numbers(n), "float") if n.len() == 1 && purpose != Use::Light => Ok(Spectrum::Constant(n[0] as f32)),
         _ => Err(p
             .place
             .fault(format!("\"{} {}\"", p.kind, p.name), format!("\"rgb {0}\", \"spectrum {0}\" or \"blackbody {0}\"", p.name))),

@@ -391,10 +391,21 @@ impl<'a> World<'a> {
                 if matches!(kind.as_str(), "directlighting" | "whitted") {
                     self.context.warn(place, format!("integrator \"{kind}\" is of pbrt-v3: only its maxdepth is read"));
                 }
+                known(&INTEGRATORS, "integrator", &kind, place)?;
                 self.max_depth = Some(p.integer("maxdepth", 5)?.clamp(0, 1 << 20) as u32);
+                // How it works, not what it computes.
+                for name in OF_INTEGRATORS {
+                    p.get(name);
+                }
+                self.context.say_unused(&p);
             }
             "Sampler" | "PixelFilter" | "Accelerator" => {
-                self.typed(lexer, place)?;
+                let (kind, _) = self.typed(lexer, place)?;
+                match word {
+                    "Sampler" => known(&SAMPLERS, "sampler", &kind, place)?,
+                    "PixelFilter" => known(&FILTERS, "filter", &kind, place)?,
+                    _ => known(&["bvh", "kdtree"], "accelerator", &kind, place)?,
+                }
             }
             "WorldBegin" => {
                 if self.in_world {
@@ -461,6 +472,9 @@ impl<'a> World<'a> {
                 let (kind, p) = self.typed(lexer, place)?;
                 let p = p.over(&self.state.light);
                 let world_from_light = self.context.place[0];
+                if self.context.moves() {
+                    self.context.warn(place, "a light that moves: it stands where it begins");
+                }
                 lights::make(&mut self.context, &kind, &p, world_from_light)?;
                 self.context.say_unused(&p);
             }
@@ -584,6 +598,73 @@ const DIRECTIVES: [&str; 40] = [
     "Translate",
     "WorldBegin",
 ];
+
+/// Integrators of pbrt-v4, and of pbrt-v3 those that are still met.
+const INTEGRATORS: [&str; 14] = [
+    "ambientocclusion",
+    "ao",
+    "bdpt",
+    "directlighting",
+    "function",
+    "lightpath",
+    "mlt",
+    "path",
+    "randomwalk",
+    "simplepath",
+    "simplevolpath",
+    "sppm",
+    "volpath",
+    "whitted",
+];
+/// Their parameters that no picture of very many samples depends on.
+const OF_INTEGRATORS: [&str; 22] = [
+    "regularize",
+    "lightsampler",
+    "lightsamplestrategy",
+    "rrthreshold",
+    "pixelbounds",
+    "strategy",
+    "samplelights",
+    "samplebsdf",
+    "cossample",
+    "maxdistance",
+    "mutationsperpixel",
+    "bootstrapsamples",
+    "chains",
+    "largestepprobability",
+    "sigma",
+    "photonsperiteration",
+    "iterations",
+    "radius",
+    "seed",
+    "visualizestrategies",
+    "visualizeweights",
+    "numiterations",
+];
+const SAMPLERS: [&str; 11] = [
+    "02sequence",
+    "halton",
+    "independent",
+    "lowdiscrepancy",
+    "maxmindist",
+    "paddedsobol",
+    "pmj02bn",
+    "random",
+    "sobol",
+    "stratified",
+    "zsobol",
+];
+const FILTERS: [&str; 5] = ["box", "gaussian", "mitchell", "sinc", "triangle"];
+
+/// Fails where a name is none of those that are known.
+fn known(names: &[&str], what: &str, name: &str, place: Place) -> Result<(), Fault> {
+    if names.contains(&name) {
+        return Ok(());
+    }
+    let hint =
+        diopter_light::names::nearest(name, names.iter().copied()).map_or(String::new(), |n| format!(" (did you mean \"{n}\"?)"));
+    Err(place.fault(format!("{what} \"{name}\""), format!("one of {}{hint}", names.join(", "))))
+}
 
 /// Camera-from-world of eye, target and up.
 fn look_at(v: &[f64; 9]) -> Option<DMat4> {

@@ -46,9 +46,11 @@ impl World<'_> {
                 })?,
             };
             // What has pictures or is brushed needs pbrt's texture coordinates.
-            let needs_coordinates =
-                m.alpha.is_some() || self.materials.made(number).material.as_ref().is_some_and(Material::needs_coordinates);
-            if let (Some(place), None, true) = (m.ball, &m.area_light, needs_coordinates) {
+            let shines_by_picture = m.area_light.as_ref().is_some_and(|p| p.get("filename").is_some());
+            let needs_coordinates = m.alpha.is_some()
+                || shines_by_picture
+                || self.materials.made(number).material.as_ref().is_some_and(Material::needs_coordinates);
+            if let (Some(place), true) = (m.ball, needs_coordinates) {
                 let mesh = *unit_ball.get_or_insert_with(|| {
                     self.context.description.meshes.push(shapes::ball(1.0).into());
                     self.context.description.meshes.len() as u32 - 1
