@@ -41,14 +41,14 @@ pub fn model(m: &CameraModel) -> Value {
     })
 }
 
-/// How well it fits, with the map of differences.
+/// How well it fits, with the map of differences, where there is one.
 pub fn fit(f: &Fit) -> Value {
     let rows: Vec<Vec<Option<[f64; 2]>>> =
         f.map.chunks(f.grid[0]).map(|row| row.iter().map(|d| d.map(|d| d.to_array())).collect()).collect();
     json!({
         "rms_px": f.rms_px, "max_px": f.max_px, "fitted_angle_deg": f.fitted_angle.to_degrees(),
         "seen_angle_deg": f.seen_angle.to_degrees(), "points_fitted": f.fitted[0], "points_seen": f.fitted[1],
-        "map": { "columns": f.grid[0], "rows": f.grid[1], "model_minus_lens_px": rows },
+        "map": (!rows.is_empty()).then(|| json!({ "columns": f.grid[0], "rows": f.grid[1], "model_minus_lens_px": rows })),
     })
 }
 

@@ -128,7 +128,7 @@ mod tests {
             ),
             (
                 format!("items = 2\n{SHOT}camera.lens = \"panorama\"\n[write]\nfiles = [\"calibration.json\"]\n"),
-                "item 000000: panorama",
+                "item 000000: calibration: a panorama",
             ),
             (format!("items = 2\n{}", SHOT.replace("24x16", "0x16")), "spec.toml: item 000000: size 0x16: expected 1 to"),
         ] {

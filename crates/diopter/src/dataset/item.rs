@@ -152,6 +152,15 @@ pub(crate) fn calibration(shot: &Shot, files: &[File], key: &str) -> Result<Cali
     Ok(shot.calibration_of(&picture_name(files, key), is_developed(files), None)?)
 }
 
+/// The text of [`File::Calibration`]: without the map of what the fit leaves, which is large.
+pub(crate) fn calibration_json(shot: &Shot, files: &[File], key: &str) -> Result<String, ShotError> {
+    let mut calibration = calibration(shot, files, key)?;
+    if let Some(fit) = &mut calibration.fit {
+        fit.map.clear();
+    }
+    Ok(calibration.text(Format::Json)?)
+}
+
 /// The truth channels that are asked for, and those that are written.
 pub(crate) fn truth_channels(asked: Option<&str>, files: &[File]) -> Option<String> {
     let asked = asked.map(str::trim).filter(|a| !a.is_empty());
@@ -215,7 +224,7 @@ impl Dataset {
         let key = self.key(item);
         // Before the exposure: it may fail.
         let calibration_json = match self.files.contains(&File::Calibration) {
-            true => calibration(&shot, &self.files, &key)?.text(Format::Json)?,
+            true => calibration_json(&shot, &self.files, &key)?,
             false => String::new(),
         };
         let exposed = shot.expose_from(None, watch, None)?;
@@ -250,8 +259,9 @@ impl Dataset {
         let objects = object_names(shot.scene.description());
         for (channel, key, names) in [("id", "objects", &objects), ("class", "classes", &*recorded.classes)] {
             if writes(channel) {
-                let named = |number: u32| Some((number.to_string(), json!(names.get((number as usize).checked_sub(1)?)?)));
-                all.insert(key.into(), Value::Object(occurring(plane, channel).into_iter().filter_map(named).collect()));
+                let name = |number: u32| names.get((number as usize).checked_sub(1)?);
+                let named = |number: u32| name(number).map(|name| json!({ "number": number, "name": name }));
+                all.insert(key.into(), occurring(plane, channel).into_iter().filter_map(named).collect());
             }
         }
         for channel in ["crypto-object", "crypto-material", "crypto-class"].into_iter().filter(|name| writes(name)) {
@@ -260,8 +270,10 @@ impl Dataset {
             let names = recorded.manifests.iter().filter(|m| Some(m.layer.as_str()) == layer).flat_map(|m| &m.names);
             let hashes =
                 names.map(|name| (name, cryptomatte::identifier(name).to_bits())).filter(|named| there.contains(&named.1));
-            let told = hashes.map(|(name, hash)| (name.clone(), json!(format!("{hash:08x}"))));
-            all.insert(channel.into(), Value::Object(told.collect()));
+            all.insert(
+                channel.into(),
+                hashes.map(|(name, hash)| json!({ "hash": format!("{hash:08x}"), "name": name })).collect(),
+            );
         }
         if all.is_empty() { Value::Null } else { Value::Object(all) }
     }
@@ -436,8 +448,11 @@ mod tests {
         assert_eq!((&told["facts"]["scene"], &told["split"]), (&json!("cornell"), &json!(null)));
         let camera: serde_json::Value = serde_json::from_slice(&files["000001.calibration.json"]).unwrap();
         assert_eq!(camera["frames"][0]["file"], json!("000001.png"));
-        let ids = told["names"]["objects"].as_object().unwrap();
-        assert!(!ids.is_empty() && ids.keys().all(|k| k.parse::<u32>().is_ok_and(|n| n > 0)), "{ids:?}");
+        let ids = told["names"]["objects"].as_array().unwrap();
+        assert!(
+            !ids.is_empty() && ids.iter().all(|named| named["number"].as_u64() > Some(0) && named["name"].is_string()),
+            "{ids:?}"
+        );
         assert!(told["facts"]["date"].is_null() && told["world_from_camera"][2][3].is_number());
     }
 }

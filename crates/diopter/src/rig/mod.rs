@@ -14,7 +14,7 @@ pub mod path;
 
 pub use file::{CameraSection, FramesSection, ImuSection, KeySection, PathSection, RigFile, WriteSection};
 
-use crate::calibration::{Format, PrincipalRay};
+use crate::calibration::PrincipalRay;
 use crate::dataset::item::{self, File, Making, truth_channels};
 use crate::expose::{ExposeError, ProgressReporter};
 use crate::files;
@@ -335,7 +335,7 @@ impl Rig {
                 let key = format!("{}/{}", camera.name, self.key(frame));
                 let failed = |e: diopter_image::ImageError| ShotError::Read { path: key.clone(), reason: e.to_string() };
                 let calibration_json = match self.files.contains(&File::Calibration) {
-                    true => item::calibration(shot, &self.files, &self.key(frame))?.text(Format::Json)?,
+                    true => item::calibration_json(shot, &self.files, &self.key(frame))?,
                     false => String::new(),
                 };
                 for kind in &self.files {

@@ -155,6 +155,54 @@ fn add_missing_views(json: &mut Value, buffers: &mut Vec<Vec<u8>>) {
     }
 }
 
+/// A list in an object; empty where it is not there.
+fn listed<'a>(json: &'a Value, key: &str) -> &'a [Value] {
+    json.get(key).and_then(Value::as_array).map_or(&[], Vec::as_slice)
+}
+
+/// The parts of all meshes.
+fn primitives(json: &Value) -> impl Iterator<Item = &Value> {
+    listed(json, "meshes").iter().flat_map(|mesh| listed(mesh, "primitives"))
+}
+
+/// Whether morph targets change colours or texture coordinates.
+fn has_other_targets(json: &Value) -> bool {
+    let targets = primitives(json).filter_map(|p| p.get("targets")?.as_array()).flatten().filter_map(Value::as_object);
+    targets.flat_map(|target| target.keys()).any(|key| key.starts_with("COLOR_") || key.starts_with("TEXCOORD_"))
+}
+
+/// Parts of meshes whose materials have textures by a set of coordinates that they have not.
+fn parts_without_coordinates(json: &Value) -> usize {
+    /// The sets of all textures below a value: of what has an index, 0 where it says nothing.
+    fn sets(value: &Value, to: &mut Vec<u64>) {
+        match value {
+            Value::Object(map) => {
+                if map.get("index").is_some_and(Value::is_u64) {
+                    let moved = value.pointer("/extensions/KHR_texture_transform/texCoord");
+                    to.push(moved.or(map.get("texCoord")).and_then(Value::as_u64).unwrap_or(0));
+                }
+                map.iter().filter(|(key, _)| *key != "extras").for_each(|(_, v)| sets(v, to));
+            }
+            Value::Array(list) => list.iter().for_each(|v| sets(v, to)),
+            _ => {}
+        }
+    }
+    let of_material: Vec<Vec<u64>> = listed(json, "materials")
+        .iter()
+        .map(|material| {
+            let mut all = Vec::new();
+            sets(material, &mut all);
+            all
+        })
+        .collect();
+    let lacks = |primitive: &&Value| {
+        let material = primitive.get("material").and_then(Value::as_u64).and_then(|i| of_material.get(usize::try_from(i).ok()?));
+        let has = |set: &u64| primitive.get("attributes").is_some_and(|a| a.get(format!("TEXCOORD_{set}")).is_some());
+        material.is_some_and(|sets| !sets.iter().all(has))
+    };
+    primitives(json).filter(lacks).count()
+}
+
 /// Sets of texture coordinates that materials ask for.
 fn most_sets(json: &Value) -> u64 {
     match json {
@@ -202,11 +250,11 @@ impl<'a> Loader<'a> {
         let mut json: Value = serde_json::from_slice(&text).map_err(|e| broken(e.to_string()))?;
         drop(text);
         check_version(&json, name)?;
-        let listed = |json: &Value, key: &str| -> Vec<String> {
+        let names = |json: &Value, key: &str| -> Vec<String> {
             json.get(key).and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str).map(str::to_owned).collect()
         };
-        let used = listed(&json, "extensionsUsed");
-        check_extensions(&listed(&json, "extensionsRequired"), name)?;
+        let used = names(&json, "extensionsUsed");
+        check_extensions(&names(&json, "extensionsRequired"), name)?;
         if let Some(root) = json.as_object_mut() {
             root.remove("extensionsRequired");
         }
@@ -238,6 +286,7 @@ impl<'a> Loader<'a> {
         let pointers = drop_pointers(&mut json);
         add_missing_views(&mut json, &mut buffers);
         let most_sets = most_sets(json.get("materials").unwrap_or(&Value::Null));
+        let (other_targets, without_coordinates) = (has_other_targets(&json), parts_without_coordinates(&json));
         let asked_splats = splats::taken(&mut json, name)?;
         // As text once more: that reader is compiled with its crate; one of values would be compiled here, and is as large as all of USD's.
         let text = serde_json::to_vec(&json).map_err(|e| broken(e.to_string()))?;
@@ -275,6 +324,14 @@ impl<'a> Loader<'a> {
         }
         if most_sets > 2 {
             description.warnings.push(format!("{name}: of {most_sets} sets of texture coordinates the first two are read"));
+        }
+        if other_targets {
+            description.warnings.push(format!("{name}: left out: colours and texture coordinates of morph targets"));
+        }
+        if without_coordinates > 0 {
+            let parts = if without_coordinates == 1 { "1 mesh".into() } else { format!("{without_coordinates} meshes") };
+            let text = "without the texture coordinates that their materials ask for: one texel is all over them";
+            description.warnings.push(format!("{name}: {parts} {text}"));
         }
         for extension in used.iter().filter(|e| !is_supported(e)) {
             description.warnings.push(format!("{name}: extension {extension} is not supported; the scene is shown without it"));
@@ -476,7 +533,12 @@ impl<'a> Loader<'a> {
                         self.description.objects.push(Object { name: name.clone(), shape, material, motion, class });
                     }
                 }
-                _ => {
+                (all, _) => {
+                    if all.is_some() {
+                        let text =
+                            format!("node {}: one copy instead of its instances: they are of a mesh that bends", node.index());
+                        self.description.warnings.push(text);
+                    }
                     let (name, class, shape) = (name.clone(), class.clone(), shape(placed));
                     self.description.objects.push(Object { name, shape, material, motion, class });
                 }

@@ -70,12 +70,16 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
         let groups = smoothing.get(faces..faces + corners.len()).unwrap_or_default();
         faces += corners.len();
         let triples = |v: &[f32]| v.chunks_exact(3).map(Vec3::from_slice).collect::<Vec<_>>();
+        // What stands for no colour is white beside others, and nothing alone.
+        let colored = m.vertex_color.iter().any(|v| !v.is_nan());
+        let linear = |c: f32| if c.is_nan() { 1.0 } else { srgb_decode(c) };
+        let colors = m.vertex_color.as_chunks::<3>().0.iter().filter(|_| colored);
         let mut mesh = Mesh {
             positions: triples(&m.positions),
             normals: triples(&m.normals).into_iter().map(|n| n.normalize_or(Vec3::Z)).collect(),
             uvs: [m.texcoords.chunks_exact(2).map(Vec2::from_slice).collect(), vec![]],
             // Codes of sRGB, as programs write them.
-            colors: m.vertex_color.as_chunks::<3>().0.iter().map(|c| Vec3::from_array(c.map(srgb_decode)).extend(1.0)).collect(),
+            colors: colors.map(|c| Vec3::from_array(c.map(linear)).extend(1.0)).collect(),
             triangles: vec![],
             tangents: vec![],
         };
@@ -240,15 +244,24 @@ fn foreign_line(bytes: &[u8]) -> Option<(usize, String, &'static str)> {
     })
 }
 
-/// A file whose names of materials stand behind a space, as its reader expects them, and these names. Without one none is meant.
+/// A file whose names of materials stand behind a space and behind the libraries that have them, as its reader expects them, and these names. Without one none is meant.
 fn material_names(bytes: &[u8]) -> (Cow<'_, [u8]>, BTreeSet<String>) {
     const KEY: &[u8] = b"usemtl";
+    const LIBRARY: &[u8] = b"mtllib";
     /// What no material is called.
     const NONE: &[u8] = b"(none)";
     let mut names = BTreeSet::new();
+    let lines = || bytes.split_inclusive(|c| *c == b'\n');
+    let is_library = |line: &&[u8]| line.trim_ascii_start().starts_with(LIBRARY);
+    let first_name = lines().position(|line| line.trim_ascii_start().starts_with(KEY));
+    let late = first_name.is_some_and(|first| lines().skip(first).any(|line| is_library(&line)));
     let mut out: Option<Vec<u8>> = None;
+    if late {
+        let libraries = lines().filter(is_library).flat_map(|line| [line.trim_ascii(), b"\n"]).flatten();
+        out = Some(libraries.copied().collect());
+    }
     let mut at = 0;
-    for line in bytes.split_inclusive(|c| *c == b'\n') {
+    for line in lines().filter(|line| !(late && is_library(line))) {
         let statement = line.trim_ascii();
         let name = statement.strip_prefix(KEY).filter(|rest| rest.first().is_none_or(u8::is_ascii_whitespace));
         if let Some(name) = name {
@@ -272,10 +285,16 @@ fn material_names(bytes: &[u8]) -> (Cow<'_, [u8]>, BTreeSet<String>) {
     (out.map_or(Cow::Borrowed(bytes), Cow::Owned), names)
 }
 
-/// The statements of a file as its reader expects them: each on one line, keys of libraries followed by a space, without polylines, which it would fill, and without comments behind numbers. As many lines as before, but for
-/// those that go on after a backslash.
+/// The statements of a file as its reader expects them: each on one line, keys of libraries followed by a space, without polylines, which it would fill, and without comments behind numbers; texture coordinates of two
+/// numbers; vertices without weights and opacities, of which all have colours or none (what has none has numbers that are none). As many lines as before, but for those that go on after a backslash.
 pub(super) fn plain_statements(bytes: &[u8]) -> Cow<'_, [u8]> {
     let whole = joined_lines(bytes);
+    let words_of =
+        |text: &[u8]| text.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty()).take_while(|w| w[0] != b'#').count();
+    let vertices =
+        || whole.split(|c| *c == b'\n').map(<[u8]>::trim_ascii_start).filter(|line| matches!(line, [b'v', b' ' | b'\t', ..]));
+    // Key, place and colour.
+    let colored = vertices().any(|line| words_of(line) >= 7);
     let statement = |line: &[u8]| -> Option<Vec<u8>> {
         let text = line.trim_ascii_start();
         let key = text.split(u8::is_ascii_whitespace).next().unwrap_or_default();
@@ -284,13 +303,31 @@ pub(super) fn plain_statements(bytes: &[u8]) -> Cow<'_, [u8]> {
             b"l" => Some(end.to_vec()),
             b"mtllib" if text.get(key.len()) == Some(&b'\t') => Some([b"mtllib ", text[key.len()..].trim_ascii(), end].concat()),
             b"v" | b"vt" | b"vn" | b"f" => {
-                let comment = text.iter().position(|c| *c == b'#')?;
-                Some([text[..comment].trim_ascii_end(), end].concat())
+                // "1.#IND", which is no number, is no comment.
+                let comment = (0..text.len()).find(|at| text[*at] == b'#' && text[at.saturating_sub(1)] != b'.');
+                let plain = comment.map_or(text, |at| &text[..at]).trim_ascii_end();
+                let count = words_of(plain);
+                let first = |n: usize| {
+                    plain.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty()).take(n).collect::<Vec<_>>().join(&b' ')
+                };
+                let changed = match (key, count) {
+                    (b"vt", 2) => Some([plain, b" 0"].concat()),
+                    (b"v", 8..) => Some(first(7)),
+                    (b"v", 5 | 6) if !colored => Some(first(4)),
+                    (b"v", 4..=6) if colored => Some([&*first(4), b" nan nan nan"].concat()),
+                    _ => comment.map(|_| plain.to_vec()),
+                };
+                changed.map(|statement| [&*statement, end].concat())
             }
             _ => None,
         }
     };
-    let is_plain = |line: &[u8]| matches!(line, [b'v' | b'f', ..]) && !line.contains(&b'#');
+    // Most lines: places of three numbers, faces and normals.
+    let is_plain = |line: &[u8]| match line {
+        [b'f', ..] | [b'v', b'n', ..] => !line.contains(&b'#'),
+        [b'v', b' ', ..] if !colored => !line.contains(&b'#') && words_of(line) == 4,
+        _ => false,
+    };
     let needs_change = whole.split_inclusive(|c| *c == b'\n').any(|line| !is_plain(line) && statement(line).is_some());
     if !needs_change {
         return whole;
@@ -328,6 +365,53 @@ pub(super) fn joined_lines(bytes: &[u8]) -> Cow<'_, [u8]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn colours_of_some_vertices_weights_and_single_coordinates_are_read() {
+        let gone = |_: &str| Err("not there".to_owned());
+        let read = |text: &str| obj(text.as_bytes(), "a.obj", &gone).unwrap_or_else(|e| panic!("{text}: {e}"));
+        let plain = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
+        let colored = "v 0 0 1 1 0 0\nv 1 0 1 1 0 0\nv 0 1 1 0 1 0 0.5\n";
+        for text in
+            [format!("o a\n{plain}f 1 2 3\no b\n{colored}f 4 5 6\n"), format!("o b\n{colored}f 1 2 3\no a\n{plain}f 4 5 6\n")]
+        {
+            let d = read(&text);
+            let colors = |name: &str| {
+                let object = d.objects.iter().find(|o| o.name == name).unwrap();
+                let Shape::Mesh { mesh, .. } = object.shape else { panic!("a mesh") };
+                (d.meshes[mesh as usize].colors.clone(), d.materials[object.material as usize].name.clone())
+            };
+            assert_eq!(colors("a"), (vec![], "grey".into()));
+            assert_eq!(colors("b").0.iter().map(|c| c.truncate()).collect::<Vec<_>>(), [Vec3::X, Vec3::X, Vec3::Y]);
+        }
+        // In one mesh what has none is white.
+        let d = read("v 0 0 0 1 0 0\nv 1 0 0\nv 0 1 0 1 0 0\nf 1 2 3\n");
+        assert!(d.meshes[0].colors.contains(&Vec3::ONE.extend(1.0)) && d.meshes[0].colors.contains(&Vec3::X.extend(1.0)));
+        let d = read("v 0 0 0 2\nv 1 0 0 2\nv 0 1 0 2 # weights\nvt 0\nvt 1\nf 1/1 2/2 3/2\n");
+        assert!(d.meshes[0].colors.is_empty());
+        assert_eq!(d.meshes[0].uvs[0].iter().map(|uv| uv.y).fold(0.0, f32::max), 0.0);
+        // What Windows writes for what is no number is no comment.
+        let bad = obj(b"v 1 1 1.#IND\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "a.obj", &gone).unwrap_err().to_string();
+        assert!(bad.contains("line 1"), "{bad}");
+    }
+
+    #[test]
+    fn libraries_may_stand_behind_names_and_have_pictures_beside_them() {
+        let mut png = Vec::new();
+        image::RgbImage::from_pixel(1, 1, image::Rgb([255, 0, 0]))
+            .write_to(&mut Cursor::new(&mut png), image::ImageFormat::Png)
+            .unwrap();
+        let fetch = |name: &str| match name {
+            "sub/a.mtl" => Ok(b"newmtl m\nKd 1 1 1\nmap_Kd red.png\nTf 0.5 1 1\nKdd 3\nPc 0\n".to_vec()),
+            "sub/red.png" => Ok(png.clone()),
+            _ => Err("there is no such file".to_owned()),
+        };
+        let text = "usemtl m\nmtllib sub/a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+        let d = obj(text.as_bytes(), "a.obj", &fetch).unwrap();
+        assert!(d.missing_textures.is_empty(), "{:?}", d.missing_textures);
+        assert_eq!(d.materials[d.objects[0].material as usize].name, "m");
+        assert!(d.warnings.iter().any(|w| w.ends_with("sub/a.mtl: Kdd, Tf: statements that are not read")), "{:?}", d.warnings);
+    }
     use crate::material::BumpUnit;
     use std::collections::HashMap;
 

@@ -101,6 +101,9 @@ fn decoded(bytes: &[u8]) -> Result<DynamicImage, String> {
         return Err(format!("it is {what}, none of PNG, JPEG, WebP, Targa, BMP, TIFF, QOI, EXR, HDR, PFM"));
     }
     let format = image::guess_format(bytes).unwrap_or(ImageFormat::Tga);
+    if format == ImageFormat::Jpeg && is_cut_jpeg(bytes) {
+        return Err("the picture is cut short: it has no end".to_owned());
+    }
     let unknown = "it is none of PNG, JPEG, WebP, Targa, BMP, TIFF, QOI, EXR, HDR, PFM";
     let wrong = |e: image::ImageError| if format == ImageFormat::Tga { unknown.to_owned() } else { e.to_string() };
     let mut reader = image::ImageReader::with_format(Cursor::new(bytes), format);
@@ -113,6 +116,23 @@ fn decoded(bytes: &[u8]) -> Result<DynamicImage, String> {
     let size = check_size([width, height], bytes.len(), most_pixels(format, decoder.original_color_type()));
     size.map_err(|e| if format == ImageFormat::Tga { format!("{unknown} (as Targa: {e})") } else { e })?;
     DynamicImage::from_decoder(decoder).map_err(wrong)
+}
+
+/// Whether the end of a JPEG file is missing, whose decoder fills the rest with grey. Source: ITU-T T.81, annex B: an end of image (FF D9) stands behind the scans, in which FF is followed by 00 or the
+/// number of a restart.
+fn is_cut_jpeg(bytes: &[u8]) -> bool {
+    let mut at = 2;
+    // Segments before the first scan, which may hold pictures of their own.
+    while let Some([0xff, marker, high, low]) = bytes.get(at..at + 4) {
+        match marker {
+            // Fill bytes.
+            0xff => at += 1,
+            0xda => return !bytes[at..].windows(2).any(|pair| pair == [0xff, 0xd9]),
+            _ => at += 2 + usize::from(u16::from_be_bytes([*high, *low])),
+        }
+    }
+    // What is wrong there its decoder tells.
+    false
 }
 
 /// Reads a picture for a texture: EXR, Radiance, PFM and TIFF of floating-point numbers as linear numbers, others as codes.
@@ -329,6 +349,19 @@ mod tests {
         for (version, name) in [("20", "KTX 2"), ("11", "KTX 1")] {
             let bytes = [b"\xabKTX ".as_slice(), version.as_bytes(), b"\xbb\r\n\x1a\n"].concat();
             assert!(read_texture(&bytes).unwrap_err().contains(name));
+        }
+    }
+
+    #[test]
+    fn jpeg_files_that_are_cut_are_told() {
+        let picture = image::RgbImage::from_fn(64, 64, |x, y| image::Rgb([(x * y) as u8, x as u8, y as u8]));
+        let mut bytes = Vec::new();
+        picture.write_to(&mut Cursor::new(&mut bytes), ImageFormat::Jpeg).unwrap();
+        assert!(read_texture(&bytes).is_ok());
+        // What programs add behind the end is no harm.
+        assert!(read_texture(&[&bytes[..], b"0123"].concat()).is_ok());
+        for kept in [bytes.len() - 2, bytes.len() / 2 + 200] {
+            assert!(read_texture(&bytes[..kept]).is_err_and(|e| e.contains("cut short")), "{kept} of {}", bytes.len());
         }
     }
 }

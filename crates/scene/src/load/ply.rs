@@ -165,6 +165,10 @@ pub fn read(bytes: &[u8]) -> Result<Read, PlyError> {
             warnings.push(format!("{what} are left out"));
         }
     }
+    let head = String::from_utf8_lossy(&bytes[..start]);
+    if let Some(file) = head.lines().find_map(|line| line.trim().strip_prefix("comment TextureFile")) {
+        warnings.push(format!("the picture \"{}\" is left out", file.trim()));
+    }
     // Vertices may come in two parts that say different things.
     if mesh.drop_partial_lists() {
         warnings.push("what only some of the vertices have is left out".to_owned());
@@ -295,6 +299,17 @@ enum Target {
     Nowhere,
 }
 
+/// Which part of a colour a property is, by the names that programs give it.
+fn color_of(name: &str) -> Option<usize> {
+    const NAMES: [[&str; 3]; 4] = [
+        ["red", "r", "diffuse_red"],
+        ["green", "g", "diffuse_green"],
+        ["blue", "b", "diffuse_blue"],
+        ["alpha", "a", "diffuse_alpha"],
+    ];
+    NAMES.iter().position(|names| names.contains(&name))
+}
+
 fn vertices(body: &mut Body, element: &Element, mesh: &mut Mesh) -> Result<(), PlyError> {
     let goes = |p: &Property| match p.name.as_str() {
         _ if p.list.is_some() => Target::Nowhere,
@@ -306,9 +321,14 @@ fn vertices(body: &mut Body, element: &Element, mesh: &mut Mesh) -> Result<(), P
         "nz" => Target::Normal(2),
         "u" | "s" | "texture_u" | "texture_s" => Target::Uv(0),
         "v" | "t" | "texture_v" | "texture_t" => Target::Uv(1),
-        "red" | "green" | "blue" | "alpha" => {
-            let i = ["red", "green", "blue", "alpha"].iter().position(|n| *n == p.name).unwrap_or(0);
-            Target::Color(i, if p.kind == Number::U8 { 255.0 } else { 1.0 })
+        name if let Some(i) = color_of(name) => {
+            // Whole numbers of any type hold codes of 8 bits, but those of 16.
+            let most = match p.kind {
+                Number::F32 | Number::F64 => 1.0,
+                Number::U16 => 65535.0,
+                _ => 255.0,
+            };
+            Target::Color(i, most)
         }
         _ => Target::Nowhere,
     };

@@ -72,6 +72,17 @@ impl Texels {
     }
 }
 
+impl Texel {
+    /// Its codes from 0 to 1, or its numbers.
+    pub fn rgb(self) -> Vec3 {
+        match self {
+            Texel::Codes([r, g, b, _]) => Vec3::new(r as f32, g as f32, b as f32) / 255.0,
+            Texel::Codes16([r, g, b, _]) | Texel::Wide([r, g, b, _]) => Vec3::new(r as f32, g as f32, b as f32) / 65535.0,
+            Texel::Linear([r, g, b, _]) => Vec3::new(r, g, b),
+        }
+    }
+}
+
 impl Image {
     /// From codes of 8 bits, RGBA, row by row from the top; `pixels` are `width` × `height`.
     pub fn new(width: usize, height: usize, pixels: Vec<[u8; 4]>) -> Self {
@@ -119,11 +130,7 @@ impl Image {
         let (columns, rows) = (self.width.clamp(1, 64), self.height.clamp(1, 64));
         let grey = |i: usize| {
             let (column, row) = ((i % columns) * self.width / columns, (i / columns) * self.height / rows);
-            let rgb = match self.texel(column, row) {
-                Texel::Codes([r, g, b, _]) => Vec3::new(r as f32, g as f32, b as f32) / 255.0,
-                Texel::Codes16([r, g, b, _]) | Texel::Wide([r, g, b, _]) => Vec3::new(r as f32, g as f32, b as f32) / 65535.0,
-                Texel::Linear([r, g, b, _]) => Vec3::new(r, g, b),
-            };
+            let rgb = self.texel(column, row).rgb();
             rgb.max_element() - rgb.min_element() <= TOLERANCE
         };
         (0..columns * rows).all(grey)

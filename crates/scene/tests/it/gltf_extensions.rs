@@ -313,7 +313,8 @@ fn cloth_grain_and_films_are_read_and_written_again() {
         ],
     );
     let first = load(&json).unwrap();
-    assert!(first.warnings.is_empty(), "{:?}", first.warnings);
+    // Of textures on a triangle without coordinates.
+    assert!(first.warnings.iter().all(|w| w.contains("1 mesh without the texture coordinates")), "{:?}", first.warnings);
     let saved = diopter_scene::save::gltf(&first);
     let mut again = saved.json.clone();
     again["buffers"][0]["uri"] = json!(uri(&saved.binary));

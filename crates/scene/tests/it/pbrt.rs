@@ -89,6 +89,18 @@ fn what_pbrt_does_not_know_is_an_error_or_told() {
 }
 
 #[test]
+fn tangents_of_triangles_are_those_of_the_file() {
+    let quad = |s: &str| {
+        format!("{HEAD}WorldBegin Shape \"trianglemesh\" \"point3 P\" [0 0 2  1 0 2  0 1 2] \"point2 uv\" [0 0 1 0 0 1] {s}")
+    };
+    let d = load(&quad("\"vector3 S\" [0 2 0  0 1 0  0 1 0]"));
+    assert!(d.warnings.is_empty(), "{:?}", d.warnings);
+    assert_eq!(d.meshes[0].tangents, [Vec3::Y.extend(1.0); 3]);
+    assert!(load(&quad("")).meshes[0].tangents.is_empty());
+    assert!(load_with(&quad("\"vector3 S\" [0 2 0]"), &[]).unwrap_err().contains("1 tangents (S) for 3 points"));
+}
+
+#[test]
 fn light_of_scale_one_has_one_candela_a_square_metre() {
     // A wall of light ahead; every way of saying 1.
     for l in ["", "\"rgb L\" [1 1 1]", "\"blackbody L\" 4000", "\"spectrum L\" \"stdillum-A\"", "\"spectrum L\" [400 7 700 30]"] {

@@ -91,7 +91,8 @@ fn a_missing_texture_is_a_warning_and_magenta_stands_in_for_it() {
         ),
     ]);
     let d = load(text.as_bytes(), "t.gltf", &none).unwrap();
-    let [warning] = &d.warnings[..] else { panic!("{:?}", d.warnings) };
+    let [without, warning] = &d.warnings[..] else { panic!("{:?}", d.warnings) };
+    assert!(without.contains("1 mesh without the texture coordinates"), "{without}");
     for part in ["3 textures", "a b.png (no files here)", "../c.png (it leads out", "image 2 \"d\" (it is none of", "magenta"] {
         assert!(warning.contains(part), "{part}: {warning}");
     }

@@ -7,9 +7,13 @@ use crate::material::{Bump, BumpUnit, Conductor, Coverage, Emission, EmissionCol
 use crate::scene::MissingTexture;
 use crate::texture::{Codes, Color, Graph, Image, Scalar, Texture, Wrap};
 use diopter_light::Spectrum;
+use diopter_light::color::SRGB_LUMINANCE;
 use glam::{Affine2, Vec2, Vec3};
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
+
+/// The channel of all colours together.
+const LUMINANCE: usize = 4;
 
 /// Height from black to white of a picture of bumps of strength 1, as a fraction of the picture's side: the specification says no unit. Tuned by
 /// eye so that features of ten texels of a picture of a thousand rise by 45°.
@@ -24,6 +28,13 @@ const PICTURES: [&str; 10] = ["map_Kd", "map_Ke", "map_d", "map_Bump", "bump", "
 
 /// Pictures that are told of: what they say has no place here.
 const UNREAD: [&str; 8] = ["map_Ks", "map_Ns", "map_Ps", "map_Tr", "map_opacity", "decal", "refl", "map_refl"];
+
+/// Statements of numbers that are told of where they are not what they are without: a tint of what comes through, and the coat, sheen and anisotropy of the physically based extension.
+const UNREAD_NUMBERS: [(&str, f32); 7] =
+    [("Tf", 1.0), ("Pc", 0.0), ("Pcr", 0.0), ("Ps", 0.0), ("aniso", 0.0), ("anisor", 0.0), ("Pcoat", 0.0)];
+
+/// Statements without an effect on a picture of a camera: light from nowhere, how textures are smoothed, reflection maps sharpened.
+const WITHOUT_EFFECT: [&str; 5] = ["Ka", "map_Ka", "map_aat", "sharpness", "Km"];
 
 /// Options before the name of a picture, and the most values that follow them.
 const OPTIONS: [(&str, usize); 13] = [
@@ -63,12 +74,14 @@ pub(super) struct MtlMaterial {
 struct Picture {
     /// Its file.
     name: String,
+    /// Its file as seen from the folder of the materials, where that is another one.
+    beside: Option<String>,
     options: HashMap<&'static str, Vec<String>>,
 }
 
 impl Picture {
     /// Splits what stands behind the key; `None` where there is no name. The name is all behind the options, with the spaces in it.
-    fn new(text: &str) -> Option<Picture> {
+    fn new(text: &str, folder: &str) -> Option<Picture> {
         let (mut left, mut options) = (text.trim(), HashMap::new());
         while let Some((key, most)) = OPTIONS.iter().find(|(key, _)| left.split_whitespace().next() == Some(key)) {
             left = left[key.len()..].trim_start();
@@ -84,7 +97,9 @@ impl Picture {
             }
             options.insert(*key, values);
         }
-        (!left.is_empty()).then(|| Picture { name: left.replace('\\', "/"), options })
+        let name = left.replace('\\', "/");
+        let beside = (!folder.is_empty()).then(|| format!("{folder}/{name}"));
+        (!name.is_empty()).then_some(Picture { name, beside, options })
     }
 
     /// The numbers of an option; none where it is not there.
@@ -111,16 +126,26 @@ impl Picture {
 
     /// A number for each place: `factor` times the channel that it names, by "-mm base gain" base + gain of that.
     fn scalar(&self, image: Arc<Image>, factor: f32) -> Scalar {
-        let channel =
-            self.options.get("-imfchan").and_then(|v| ["r", "g", "b", "m"].iter().position(|c| v.iter().any(|v| v == c)));
-        let (texture, channel) = (self.texture(image, Codes::Linear), channel.unwrap_or(0));
+        self.scalar_of(image, factor, None)
+    }
+
+    /// The same of a channel, where no option says another: 0 to 3 for red, green, blue and opacity, [`LUMINANCE`] for all colours.
+    fn scalar_of(&self, image: Arc<Image>, factor: f32, channel: Option<usize>) -> Scalar {
+        let said =
+            self.options.get("-imfchan").and_then(|v| ["r", "g", "b", "m", "l"].iter().position(|c| v.iter().any(|v| v == c)));
+        let is_grey = image.is_grey();
+        let channel = said.or(channel).unwrap_or(0);
+        // All channels of what is grey are alike.
+        let channel = if channel == LUMINANCE && is_grey { 0 } else { channel };
+        let texture = self.texture(image, Codes::Linear);
         let range = self.numbers("-mm");
         let (base, gain) = (range.first().copied().unwrap_or(0.0), range.get(1).copied().unwrap_or(1.0));
-        if base == 0.0 {
+        if base == 0.0 && channel != LUMINANCE {
             return Scalar::Textured { factor: factor * gain, texture, channel };
         }
         let weights = match channel {
-            0..3 => [Vec3::AXES[channel], Vec3::ZERO],
+            0..=2 => [Vec3::AXES[channel], Vec3::ZERO],
+            LUMINANCE => [SRGB_LUMINANCE, Vec3::ZERO],
             _ => [Vec3::ZERO, Vec3::ONE],
         };
         let picture = Graph::Image { texture, scale: 1.0, invert: false, as_number: Some(weights), mapping: None };
@@ -162,8 +187,9 @@ impl Library {
     fn read(&mut self, bytes: &[u8], file: &str, warnings: &mut Vec<String>) {
         let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
         let text = String::from_utf8_lossy(&joined_lines(bytes)).into_owned();
+        let folder = file.replace('\\', "/").rsplit_once('/').map_or(String::new(), |(folder, _)| folder.to_owned());
         let mut material: Option<MtlMaterial> = None;
-        let mut unread = BTreeSet::new();
+        let (mut unread, mut unknown) = (BTreeSet::new(), BTreeSet::new());
         for (i, line) in text.lines().enumerate() {
             let line = line.trim();
             let key = line.split_whitespace().next().unwrap_or_default();
@@ -194,19 +220,29 @@ impl Library {
                     _ => bad(if *count == 1 { "a number" } else { "one number or three" }),
                 }
             } else if let Some(key) = PICTURES.iter().find(|k| k.eq_ignore_ascii_case(key)) {
-                if let Some(picture) = Picture::new(rest) {
+                if let Some(picture) = Picture::new(rest, &folder) {
                     material.pictures.insert(key, picture);
                 }
             } else if let Some(key) = UNREAD.iter().find(|k| k.eq_ignore_ascii_case(key))
                 && !rest.is_empty()
             {
                 unread.insert(*key);
+            } else if let Some((key, usual)) = UNREAD_NUMBERS.iter().find(|(k, _)| k.eq_ignore_ascii_case(key)) {
+                let mut numbers = rest.split_whitespace().filter_map(|w| w.parse::<f32>().ok());
+                if numbers.any(|v| v != *usual) {
+                    unknown.insert(*key);
+                }
+            } else if !key.is_empty() && !key.starts_with('#') && !WITHOUT_EFFECT.iter().any(|k| k.eq_ignore_ascii_case(key)) {
+                unknown.insert(key);
             }
         }
         self.materials.extend(material);
-        if !unread.is_empty() {
-            let list: Vec<&str> = unread.into_iter().collect();
-            warnings.push(format!("{file}: {}: pictures that are not read", list.join(", ")));
+        for (names, what) in [(unread, "pictures that are not read"), (unknown, "statements that are not read")] {
+            if !names.is_empty() {
+                let list: Vec<&str> = names.iter().take(8).copied().collect();
+                let more = if names.len() > 8 { format!(" and {} more", names.len() - 8) } else { String::new() };
+                warnings.push(format!("{file}: {}{more}: {what}", list.join(", ")));
+            }
         }
     }
 
@@ -238,7 +274,10 @@ impl<'a> Pictures<'a> {
         if let Some(known) = self.read.get(&picture.name) {
             return known.clone();
         }
-        let image = match (self.fetch)(&picture.name).and_then(|b| read_texture(&b)) {
+        // Beside the OBJ file, or beside its materials.
+        let elsewhere = || picture.beside.as_ref().and_then(|name| (self.fetch)(name).ok());
+        let bytes = (self.fetch)(&picture.name).or_else(|e| elsewhere().ok_or(e));
+        let image = match bytes.and_then(|b| read_texture(&b)) {
             Ok(image) => Some(Arc::new(image)),
             Err(e) => {
                 note_missing(&mut self.missing, &picture.name, e);
@@ -325,7 +364,10 @@ impl MtlMaterial {
                 tint: None,
             })
         } else if specular != Vec3::ZERO || is_physical {
-            Scattering::Principled(Box::new(Principled { roughness: rough, metallic, ..Principled::new(color, ior.max(1.01)) }))
+            let gloss = Principled { roughness: rough, metallic, ..Principled::new(color, ior.max(1.01)) };
+            // A half stands for the reflectance of glass, as Blender writes it.
+            let tint = if is_physical || specular == Vec3::ZERO { Vec3::ONE } else { 2.0 * specular };
+            Scattering::Principled(Box::new(Principled { specular_color: Color::rgb(tint.x, tint.y, tint.z), ..gloss }))
         } else {
             Scattering::Diffuse(color)
         };
@@ -333,7 +375,12 @@ impl MtlMaterial {
         made.emission = self.emission(pictures);
         if !glass {
             made.coverage = match self.picture(&["map_d"], pictures) {
-                Some((p, i)) => Coverage::Blend(p.scalar(i, opacity)),
+                Some((p, i)) => {
+                    // Its opacity, where it has one, also of the very picture of the colour; else its brightness.
+                    let of_color = self.pictures.get("map_Kd").is_some_and(|color| color.name == p.name);
+                    let channel = if i.has_alpha() || of_color { 3 } else { LUMINANCE };
+                    Coverage::Blend(p.scalar_of(i, opacity, Some(channel)))
+                }
                 None if opacity < 1.0 => Coverage::Blend(Scalar::Constant(opacity)),
                 None => Coverage::Full,
             };
@@ -355,20 +402,35 @@ impl MtlMaterial {
         Some(Emission { radiance: EmissionColor::Constant(Spectrum::light_from_rgb(glow)), ..dark })
     }
 
-    /// "norm" is a map of normals; "map_Bump" and "bump" are heights by the specification, but many programs write normals there, too: a picture
-    /// without colours is one of heights.
+    /// "norm" is a map of normals; "map_Bump" and "bump" are heights by the specification, but many programs write normals there, too, which shows by their
+    /// lengths.
     fn add_bumps(&self, made: &mut Material, pictures: &mut Pictures) {
         if let Some((p, i)) = self.picture(&["norm"], pictures) {
             made.normal_map = Some((p.texture(i, Codes::Linear), 1.0));
         } else if let Some((p, i)) = self.picture(&["map_Bump", "bump"], pictures) {
             let strength = p.numbers("-bm").first().copied().unwrap_or(1.0);
-            match i.is_grey() {
-                false => made.normal_map = Some((p.texture(i, Codes::Linear), strength)),
-                true => {
-                    let height = p.scalar(i, strength);
+            match !i.is_grey() && is_of_normals(&i) {
+                true => made.normal_map = Some((p.texture(i, Codes::Linear), strength)),
+                false => {
+                    let height = p.scalar_of(i, strength, Some(LUMINANCE));
                     made.bump = Some(Box::new(Bump { height, unit: BumpUnit::Extent(BUMP_EXTENT) }));
                 }
             }
         }
     }
+}
+
+/// Whether the colours of a picture are unit vectors that point outwards: most of a sample of its pixels.
+fn is_of_normals(image: &Image) -> bool {
+    /// Beside 1, and parts of the sample: compression and filters shorten some.
+    const TOLERANCE: f32 = 0.2;
+    const MOST: f32 = 0.9;
+    let (columns, rows) = (image.width.clamp(1, 64), image.height.clamp(1, 64));
+    let is_normal = |i: usize| {
+        let (column, row) = ((i % columns) * image.width / columns, (i / columns) * image.height / rows);
+        let normal = 2.0 * image.texel(column, row).rgb() - 1.0;
+        (normal.length() - 1.0).abs() <= TOLERANCE && normal.z > 0.0
+    };
+    let count = (0..columns * rows).filter(|i| is_normal(*i)).count();
+    count as f32 >= MOST * (columns * rows) as f32
 }

@@ -215,7 +215,14 @@ fn triangle_mesh(p: &Params, place: Place) -> Result<Mesh, Fault> {
         None => return Err(place.fault("a trianglemesh without indices", "\"integer indices\"")),
     };
     let triangles = triples(&indices, positions.len(), place)?;
-    let mesh = with_attributes(Mesh { positions, triangles, ..Mesh::default() }, p, place)?;
+    let mut mesh = with_attributes(Mesh { positions, triangles, ..Mesh::default() }, p, place)?;
+    if let Some(tangents) = p.vectors("S")? {
+        if tangents.len() != mesh.positions.len() {
+            let found = format!("{} tangents (S) for {} points", tangents.len(), mesh.positions.len());
+            return Err(place.fault(found, "one for each point"));
+        }
+        mesh.tangents = tangents.into_iter().map(|s| s.normalize_or(Vec3::X).extend(1.0)).collect();
+    }
     Ok(mesh)
 }
 
