@@ -160,14 +160,14 @@ class Dataset:
         return archive
 
     def __getitem__(self, item: int) -> dict[str, Any]:
-        """Makes an item: its files by their endings. ``.npy`` are arrays, ``json`` is a dictionary, all others are bytes."""
+        """Makes an item: its files by their endings. ``.npy`` are arrays, ``json`` and ``calibration.json`` are dictionaries, all others are bytes."""
         made: dict[str, Any] = {}
         with tarfile.open(fileobj=io.BytesIO(self.archive(item))) as archive:
             for member in archive:
                 file = archive.extractfile(member)
                 assert file is not None
                 ending, data = member.name.split(".", 1)[1], file.read()
-                if ending == "json":
+                if ending.endswith("json"):
                     made[ending] = json.loads(data)
                 else:
                     made[ending] = np.load(io.BytesIO(data)) if ending.endswith(".npy") else data
