@@ -3,7 +3,7 @@
 //! [`area`] (emissive triangles, parallelograms, spheres), [`punctual`] (glTF's point, spot and directional lights),
 //! [`photometry`] (measured intensities by direction, IES), [`emitters`] (all that shines by itself, as a camera sees it), [`environment`] (a lat-long map
 //! around everything), [`tree`] (many lights, chosen by what they can contribute), [`segment`] (lights seen from a
-//! ray in a medium), [`lanes`] (functions of four numbers at a time).
+//! ray in a medium).
 
 pub mod area;
 pub mod emitters;

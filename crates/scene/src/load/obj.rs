@@ -396,6 +396,25 @@ mod tests {
     }
 
     #[test]
+    fn a_half_of_specular_light_is_the_reflectance_of_glass() {
+        let gloss = |ks: &str| {
+            let fetch = |_: &str| Ok(format!("newmtl m\nKd 0.2 0.2 0.2\nKs {ks}\nNi 1.5\n").into_bytes());
+            let d = obj(b"mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "a.obj", &fetch).unwrap();
+            let Scattering::Principled(p) = &d.materials[0].scattering else { panic!("a gloss") };
+            let f0 = ((p.ior - 1.0) / (p.ior + 1.0)).powi(2);
+            p.specular_color.constant_rgb().unwrap() * f0
+        };
+        for (ks, expected) in [
+            ("0.5 0.5 0.5", Vec3::splat(0.04)),
+            ("1 1 1", Vec3::splat(0.08)),
+            ("0.1 0.1 0.1", Vec3::splat(0.008)),
+            ("1 0.5 0.25", Vec3::new(0.08, 0.04, 0.02)),
+        ] {
+            assert!((gloss(ks) - expected).length() < 1e-4, "{ks}: {}", gloss(ks));
+        }
+    }
+
+    #[test]
     fn libraries_may_stand_behind_names_and_have_pictures_beside_them() {
         let mut png = Vec::new();
         image::RgbImage::from_pixel(1, 1, image::Rgb([255, 0, 0]))

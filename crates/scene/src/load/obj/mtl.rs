@@ -364,10 +364,12 @@ impl MtlMaterial {
                 tint: None,
             })
         } else if specular != Vec3::ZERO || is_physical {
-            let gloss = Principled { roughness: rough, metallic, ..Principled::new(color, ior.max(1.01)) };
-            // A half stands for the reflectance of glass, as Blender writes it.
-            let tint = if is_physical || specular == Vec3::ZERO { Vec3::ONE } else { 2.0 * specular };
-            Scattering::Principled(Box::new(Principled { specular_color: Color::rgb(tint.x, tint.y, tint.z), ..gloss }))
+            // A half stands for the reflectance of glass, as Blender writes it; more and less of it is an index.
+            let strength = if is_physical || specular == Vec3::ZERO { 0.5 } else { specular.max_element() };
+            let root = ((2.0 * strength).sqrt() * (ior - 1.0) / (ior + 1.0)).clamp(0.0, 0.9);
+            let gloss = Principled::new(color, ((1.0 + root) / (1.0 - root)).max(1.01));
+            let tint = if is_physical || specular == Vec3::ZERO { Vec3::ONE } else { specular / strength };
+            Scattering::Principled(Box::new(Principled { roughness: rough, metallic, ..gloss.with_specular(tint) }))
         } else {
             Scattering::Diffuse(color)
         };
