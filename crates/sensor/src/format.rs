@@ -19,8 +19,16 @@ const fn format(names: &'static [&'static str], width_mm: f64, height_mm: f64) -
 
 /// The formats that have names.
 pub const FORMATS: &[Format] = &[
+    format(&["8x10", "10x8"], 254.0, 203.2),
+    format(&["5x7", "7x5"], 177.8, 127.0),
+    format(&["4x5", "5x4"], 127.0, 101.6),
+    format(&["6x17"], 168.0, 56.0),
+    format(&["6x12"], 112.0, 56.0),
+    format(&["6x9"], 84.0, 56.0),
+    format(&["6x8"], 76.0, 56.0),
+    format(&["6x7"], 69.5, 56.0),
     format(&["6x6"], 56.0, 56.0),
-    format(&["645"], 53.4, 40.0),
+    format(&["645", "6x4.5"], 53.4, 40.0),
     format(&["medium format", "44x33"], 43.8, 32.9),
     format(&["full frame", "35mm", "ff", "36x24"], 36.0, 24.0),
     format(&["aps-h"], 27.9, 18.6),
@@ -46,7 +54,7 @@ impl Format {
         FORMATS.iter().find(|f| f.names.iter().any(|n| clean(n) == clean(name))).copied()
     }
 
-    /// A format by name or as width × height in mm: "36x24".
+    /// A format by name ("6x7": of roll film, in cm; "4x5": of sheets, in inches) or as width × height in mm: "36x24".
     pub fn parse(text: &str) -> Option<Format> {
         Format::named(text).or_else(|| {
             let (w, h) = text.trim().trim_end_matches("mm").split_once(['x', 'X', '×'])?;

@@ -272,7 +272,8 @@ fn advice_text(found: &Why) -> Result<String, std::fmt::Error> {
             0.0 => String::new(),
             ev => format!(", {:.1} EV {}", ev.abs(), if ev > 0.0 { "brighter" } else { "darker" }),
         };
-        writeln!(text, "  {:<44} blur {:>7}, noise ×{:.2} (ISO {:.0}{brightness})", a.change, percent(a.blur), a.noise, a.iso)?;
+        let noise = if a.noise.is_nan() { "–".to_owned() } else { format!("×{:.2}", a.noise) };
+        writeln!(text, "  {:<44} blur {:>7}, noise {noise} (ISO {:.0}{brightness})", a.change, percent(a.blur), a.iso)?;
     }
     Ok(text)
 }

@@ -147,7 +147,9 @@ impl Shot {
             self.reading.iso = chosen.iso;
             let effective_s = self.shutter().effective_s(pupil);
             let off = ev100 - metering::ev100_of_setting(chosen.aperture, effective_s, chosen.iso);
-            if metered.is_some() && off.abs() > 0.34 {
+            // A dial rounds by half its step.
+            let rounding = limits.step.map_or(0.0, |step| 0.5 / f64::from(step.per_ev()));
+            if metered.is_some() && off.abs() > (rounding + 0.05).max(0.34) {
                 warn(&format!(
                     "the light is {:.1} EV too {} for what the camera may choose in mode {}: the picture will be {}",
                     off.abs(),
@@ -157,7 +159,7 @@ impl Shot {
                 ));
             }
             let chosen_time = matches!(e.mode, Mode::AperturePriority | Mode::Program);
-            if let Some(ev) = metered.filter(|_| chosen_time && marked > LONG_S) {
+            if let Some(ev) = metered.filter(|_| chosen_time && marked > 1.1 * LONG_S) {
                 let scene = &self.file.scene;
                 // A picture around the scene is light enough, if its numbers are no cd/m².
                 let relative = scene.environment.is_some() && scene.environment_scale.is_none() && scene.ambient_ev.is_none();

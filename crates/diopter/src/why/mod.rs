@@ -28,6 +28,7 @@ pub use light::{Brightness, Factor, Noise, NoiseTerm};
 use crate::camera::Camera;
 use crate::camera_motion::CameraMotion;
 use crate::focus::Report;
+use crate::metering::ev100_of_setting;
 use crate::shot::{Shot, ShotError, value};
 use crate::shutter::Shutter;
 use crate::stops::time_name;
@@ -68,7 +69,7 @@ pub struct Advice {
     pub change: String,
     /// Blur radius then over that of now.
     pub blur: f64,
-    /// Noise over signal then over that of now.
+    /// Noise over signal then over that of now; not a number (null) where the pixel is full now or then: what is cut off is no noise.
     pub noise: f64,
     /// How much brighter the raw image gets, EV: 0 where ISO speed makes up for all of the light.
     pub brightness_ev: f64,
@@ -314,7 +315,17 @@ pub fn why(shot: &Shot, at: Option<[f64; 2]>, report: Option<&Report>) -> Result
     let all = blur(&spot, &on.filters);
     let causes = model.causes(&subject, &all, &on);
     let brightness = light::brightness(shot, &pixel, &Seen { subject: &subject, spot: &spot, luminance, bands: &bands })?;
-    let now = Now { shot, model: &model, subject: &subject, on: &on, all: &all, pixel: &pixel, noise: &noise, variance };
+    let now = Now {
+        shot,
+        model: &model,
+        subject: &subject,
+        on: &on,
+        all: &all,
+        pixel: &pixel,
+        noise: &noise,
+        variance,
+        of_saturation: brightness.of_saturation,
+    };
     let advice = now.advice(&causes)?;
     let description = shot.scene.description();
     let object = subject.surface.as_ref().and_then(|s| description.objects.get(s.object as usize));
@@ -398,10 +409,26 @@ struct Now<'a> {
     noise: &'a Noise,
     /// Of the pixel's electrons by the samples of the exposure, e⁻².
     variance: f64,
+    /// Electrons over those that saturate the pixel.
+    of_saturation: f64,
 }
 
 /// Causes that take a smaller fraction are not worth a change.
 const WORTH_CHANGING: f64 = 0.02;
+/// What happens to the ISO speed.
+#[derive(Clone, Copy)]
+enum Speed {
+    Kept,
+    /// It makes up for the light as far as the body allows.
+    MakesUp,
+    Of(f64),
+}
+
+/// From where on a picture is darker than its meter asks for, EV.
+const DARK_EV: f64 = 0.7;
+/// Most stops that are advised at once.
+const MOST_STOPS: f64 = 8.0;
+
 /// Smallest aperture that is advised.
 const SMALLEST_STOP: f64 = 32.0;
 /// Stops by which the aperture is tried.
@@ -424,25 +451,46 @@ impl Now<'_> {
         blur: Option<Blur>,
         light: f64,
         dark_s: f64,
-        keep_iso: bool,
+        speed: Speed,
     ) -> Result<Option<Advice>, ShotError> {
         let (Some(blur), true) = (blur, light > 0.0) else { return Ok(None) };
         let sensor = self.pixel.sensor;
-        let iso = if keep_iso { self.pixel.reading.iso } else { sensor.nearest_iso(self.pixel.reading.iso / light) };
+        let iso = match speed {
+            Speed::Kept => self.pixel.reading.iso,
+            Speed::MakesUp => sensor.nearest_iso(self.pixel.reading.iso / light),
+            Speed::Of(iso) => iso,
+        };
         let reading = Reading { iso, ..self.pixel.reading.clone() };
         let bands = self.pixel.bands.iter().map(|e| e * light).collect();
         let pixel = Pixel { sensor, reading: &reading, at: self.pixel.at, bands, dark_s };
         let noise = pixel.noise(self.variance * light * light)?;
         let brightness_ev = (light * iso / self.pixel.reading.iso).log2();
         let ratio = |a: f64, b: f64| if b > 0.0 { a / b } else { 1.0 };
+        let of_noise = match self.noise.clipped || noise.clipped {
+            true => f64::NAN,
+            false => ratio(self.noise.signal_to_noise, noise.signal_to_noise),
+        };
         Ok(Some(Advice {
             change,
             blur: ratio(blur.radius_um, self.all.radius_um),
-            noise: ratio(self.noise.signal_to_noise, noise.signal_to_noise),
+            noise: of_noise,
             // Nominal speeds are rounded.
             brightness_ev: if brightness_ev.abs() < 0.01 { 0.0 } else { brightness_ev },
             iso,
         }))
+    }
+
+    /// By how many stops the picture is darker than its meter asks for, or a full pixel holds more than it can.
+    fn wrong_stops(&self) -> Option<f64> {
+        if self.noise.clipped {
+            // A little less than full.
+            return Some(-self.of_saturation.max(1.0).log2().floor() - 1.0);
+        }
+        let f = self.shot.facts();
+        let stop = if f.t_number > 0.0 { f.t_number } else { f.f_number };
+        let time_s = f.shutter.as_ref().map_or(f.exposure_s, |s| s.effective_s);
+        let darker = ev100_of_setting(stop, time_s, self.pixel.reading.iso) - f.metered_ev100? + f.compensation_ev;
+        (darker > DARK_EV).then(|| darker.round().clamp(1.0, MOST_STOPS))
     }
 
     fn advice(&self, causes: &[Cause]) -> Result<Vec<Advice>, ShotError> {
@@ -465,7 +513,7 @@ impl Now<'_> {
                 let blur = model.blur(subject, &camera, &model.shutter, on);
                 let way = if n > 0 { "down" } else { "open" };
                 let change = format!("{} {way} (f/{f_number:.1})", stops(n));
-                advice.extend(self.changed(change, blur, over_now(gathered(&camera, &model.shutter)), dark_s, false)?);
+                advice.extend(self.changed(change, blur, over_now(gathered(&camera, &model.shutter)), dark_s, Speed::MakesUp)?);
             }
         }
         if !lens.is_sharp_everywhere()
@@ -479,7 +527,7 @@ impl Now<'_> {
                 blur,
                 over_now(gathered(&camera, &model.shutter)),
                 dark_s,
-                true,
+                Speed::Kept,
             )?);
         }
         let moves = fraction("motion of the subject").abs().max(fraction("motion of the camera").abs()) > WORTH_CHANGING;
@@ -489,12 +537,18 @@ impl Now<'_> {
             let shorter = timed(0.25);
             let blur = model.blur(subject, model.camera, &shorter, on);
             let change = format!("a quarter of the time ({})", time_name(shorter.exposure_s));
-            advice.extend(self.changed(change, blur, over_now(gathered(model.camera, &shorter)), 0.25 * dark_s, false)?);
+            advice.extend(self.changed(
+                change,
+                blur,
+                over_now(gathered(model.camera, &shorter)),
+                0.25 * dark_s,
+                Speed::MakesUp,
+            )?);
         }
         if fraction("motion of the camera") > WORTH_CHANGING {
             let camera = Camera { motion: CameraMotion::still(model.camera.motion.at(subject.time_s)), ..model.camera.clone() };
             let blur = model.blur(subject, &camera, &model.shutter, on);
-            advice.extend(self.changed("a camera that stands still (a tripod)".into(), blur, 1.0, dark_s, true)?);
+            advice.extend(self.changed("a camera that stands still (a tripod)".into(), blur, 1.0, dark_s, Speed::Kept)?);
         }
         // Where nothing moves the time may be as long as the speed of the body allows.
         let lower = self.pixel.reading.iso / 4.0;
@@ -502,7 +556,21 @@ impl Now<'_> {
             let longer = timed(4.0);
             let change = format!("four times the time ({}) at ISO {lower:.0}", time_name(longer.exposure_s));
             let light = over_now(gathered(model.camera, &longer));
-            advice.extend(self.changed(change, Some(*self.all), light, 4.0 * dark_s, false)?);
+            advice.extend(self.changed(change, Some(*self.all), light, 4.0 * dark_s, Speed::MakesUp)?);
+        }
+        if let Some(stops) = self.wrong_stops().filter(|_| !flash) {
+            let factor = stops.exp2();
+            let other = timed(factor);
+            let blur = model.blur(subject, model.camera, &other, on);
+            let times =
+                if factor > 1.0 { format!("{factor:.0} times the time") } else { format!("1/{:.0} of the time", 1.0 / factor) };
+            let change = format!("{times} ({}) at the same speed", time_name(other.exposure_s));
+            advice.extend(self.changed(change, blur, over_now(gathered(model.camera, &other)), factor * dark_s, Speed::Kept)?);
+            let iso = self.pixel.sensor.nearest_iso(self.pixel.reading.iso * factor);
+            if (iso / self.pixel.reading.iso).log2().abs() > 0.5 {
+                let change = format!("a {} speed (ISO {iso:.0})", if factor > 1.0 { "higher" } else { "lower" });
+                advice.extend(self.changed(change, Some(*self.all), 1.0, dark_s, Speed::Of(iso))?);
+            }
         }
         let renderer = self.noise.terms.iter().find(|t| t.kind == "renderer").map_or(0.0, |t| t.fraction);
         if renderer > WORTH_CHANGING {

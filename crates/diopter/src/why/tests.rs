@@ -215,6 +215,43 @@ fn a_shot_explains_itself() {
 }
 
 #[test]
+fn dark_pictures_want_more_and_full_pixels_less_light() {
+    let mut file = ShotFile::default();
+    file.scene.file = Some("flat-field".into());
+    file.render.size = Some(crate::quantity::Size { width: 24, height: 16 });
+    file.render.spp = Some(4);
+    file.exposure.aperture = Some(crate::quantity::FNumber(4.0));
+    file.exposure.iso = Some(crate::quantity::IsoChoice::Fixed(crate::quantity::Iso(400.0)));
+    let cancel = std::sync::atomic::AtomicBool::new(false);
+    let watch = crate::expose::ProgressReporter { cancel: &cancel, progress: &|_| () };
+    let advice = |seconds: f64| {
+        let mut file = file.clone();
+        file.exposure.shutter = Some(crate::quantity::Seconds(seconds));
+        let mut shot = Shot::prepare(&file, &mut |_| ()).unwrap();
+        shot.meter(&watch, &mut |_| ()).unwrap();
+        let metered = shot.facts().metered_ev100.unwrap();
+        let off = crate::metering::ev100_of_setting(4.0, seconds, 400.0) - metered;
+        (why(&shot, None, None).unwrap(), off)
+    };
+    let (_, off) = advice(0.01);
+    // By three stops too dark, by six too light, and right.
+    let right = 0.01 * off.exp2();
+    let of = |why: &Why, change: &str| why.advice.iter().find(|a| a.change.starts_with(change)).cloned();
+    let (dark, _) = advice(right / 8.0);
+    let longer = of(&dark, "8 times the time").unwrap();
+    // The renderer's own noise grows with the light.
+    assert!((longer.brightness_ev - 3.0).abs() < 0.02 && longer.noise < 0.9 && longer.iso == 400.0, "{longer:?}");
+    let faster = of(&dark, "a higher speed").unwrap();
+    assert!((faster.brightness_ev - 3.0).abs() < 0.1 && faster.iso > 3000.0, "{faster:?}");
+    let (full, _) = advice(right * 64.0);
+    assert!(full.noise.clipped);
+    let shorter = full.advice.iter().find(|a| a.change.contains("of the time")).unwrap();
+    assert!(shorter.brightness_ev < -1.0 && full.advice.iter().all(|a| a.noise.is_nan()), "{:?}", full.advice);
+    let (fine, _) = advice(right);
+    assert!(fine.advice.iter().all(|a| !a.change.contains("same speed")), "{:?}", fine.advice);
+}
+
+#[test]
 fn a_real_lens_draws_points_where_rays_from_the_scene_land() {
     // The spot is found from the film; traced forward from the scene point, through a grid over the entrance pupil, it must be the same.
     let prescription = Arc::new(diopter_lens::embedded("double-gauss-50mm").unwrap());

@@ -114,7 +114,7 @@ pub fn equivalent(args: &Equivalent, json: bool) -> anyhow::Result<()> {
             let (near, far) = limits_m(focal, m.value, circle, if args.focus.0.is_infinite() { f64::INFINITY } else { distance });
             let variance = electrons + step.read_noise_e.powi(2) + step.row_noise_e.powi(2) + dark * time;
             Row {
-                nominal: [m.nominal, stops::nearest(&stops::times(Step::Full), time).nominal],
+                nominal: [m.nominal, stops::nearest(&stops::times(Step::Third), time).nominal],
                 aperture: m.value,
                 time,
                 near,
@@ -146,16 +146,18 @@ pub fn equivalent(args: &Equivalent, json: bool) -> anyhow::Result<()> {
         args.speed
     )?;
     writeln!(text, "  aperture   (true)    time      (true, s)   sharp from   to        diffraction   motion      grey S/N")?;
+    let mut is_beyond = false;
     for r in rows {
         let far = if r.far.is_finite() { format!("{:.2} m", r.far) } else { "inf".into() };
         let mark = if (r.aperture / n0 - 1.0).abs() < 1e-3 { '>' } else { ' ' };
         let beyond = if !(1.0 / 8200.0..=33.0).contains(&r.time) { "*" } else { "" };
+        is_beyond |= !beyond.is_empty();
         writeln!(
             text,
             "{mark} f/{:<8} {:<9.4} {:<9} {:<11.6} {:<12} {:<9} {:<13} {:<11} {:.1} dB{beyond}",
             r.nominal[0],
             r.aperture,
-            stops::time_name(r.nominal[1]),
+            if beyond.is_empty() { stops::time_name(r.nominal[1]) } else { "–".into() },
             r.time,
             format!("{:.2} m", r.near),
             far,
@@ -163,9 +165,9 @@ pub fn equivalent(args: &Equivalent, json: bool) -> anyhow::Result<()> {
             format!("{:.1} px", r.blur_px),
             r.snr_db
         )?;
-        if !beyond.is_empty() {
-            writeln!(text, "                       * beyond what the dial of times has")?;
-        }
+    }
+    if is_beyond {
+        writeln!(text, "* beyond what the dial of times has")?;
     }
     writeln!(
         text,
@@ -176,14 +178,21 @@ pub fn equivalent(args: &Equivalent, json: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// Highest speed of a program line: what no body has.
+const MOST_ISO: f64 = 1e8;
+
 /// The program line over EV at ISO 100.
 pub fn program(widest: FNumber, focal: LengthMm, iso: IsoChoice, output: &[PathBuf], json: bool) -> anyhow::Result<()> {
     let (widest, focal) = (f_number(widest)?, positive("focal length", focal.0)?);
+    let iso = iso.fixed().map(|iso| positive("iso", iso)).transpose()?;
+    if let Some(iso) = iso.filter(|iso| *iso > MOST_ISO) {
+        return Err(UsageError(anyhow!("iso {iso}: expected a speed up to {MOST_ISO}, or auto")).into());
+    }
     let outputs = paint::prepare(output)?;
     let limits = Limits {
         aperture: [widest, widest.max(22.0)],
         time_s: [1.0 / 8192.0, 32.0],
-        iso: iso.fixed().map_or([100.0, 6400.0], |i| [i; 2]),
+        iso: iso.map_or([100.0, 6400.0], |i| [i; 2]),
         handheld_s: 1.0 / focal,
         step: None,
         t_per_f: 1.0,
@@ -220,7 +229,7 @@ pub fn program(widest: FNumber, focal: LengthMm, iso: IsoChoice, output: &[PathB
         lines: vec![
             curve("aperture: Av = 2 log2 N", [204, 51, 51], Style::Full, &|c| 2.0 * c.aperture.log2()),
             curve("time: Tv = -log2 t", [34, 85, 170], Style::Full, &|c| -c.time_s.log2()),
-            curve("speed: Sv = log2 (ISO / 100)", [102, 102, 102], Style::Broken, &|c| (c.iso / 100.0).log2()),
+            curve("speed: log2 (ISO / 100)", [102, 102, 102], Style::Broken, &|c| (c.iso / 100.0).log2()),
         ],
     }
     .draw(&mut figure, DVec2::ZERO, DVec2::new(460.0, 340.0));

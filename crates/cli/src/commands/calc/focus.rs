@@ -285,7 +285,14 @@ pub fn field(args: &Field, json: bool) -> anyhow::Result<()> {
     if args.distance.is_some_and(|d| !(d.0 > 0.0 && d.0.is_finite())) {
         return Err(UsageError(anyhow!("distance: expected metres above 0, such as 3m")).into());
     }
-    let seen = args.distance.map(|s| [w, h].map(|side| side * s.0 / f));
+    if let Some(s) = args.distance.filter(|s| 1000.0 * s.0 <= f) {
+        return Err(UsageError(anyhow!(
+            "distance {s}: expected more than the focal length, {f:.1} mm: nearer planes have no image"
+        ))
+        .into());
+    }
+    // Focused there.
+    let seen = args.distance.map(|s| [w, h].map(|side| side * (s.0 / f - 1e-3)));
     if json {
         return print_json(&serde_json::json!({
             "width_mm": w, "height_mm": h, "focal_length_mm": f, "horizontal_deg": angles[0], "vertical_deg": angles[1],
