@@ -12,6 +12,7 @@ use crate::rig::path::Mounted;
 use crate::shake::Shake;
 use crate::shutter::{Direction, Mechanism, RAMP_S, READOUT_S, Shutter, TRAVEL_S};
 use crate::stabiliser::Stabiliser;
+use crate::stops::time_name;
 use diopter_lens::LensError;
 use diopter_scene::light::Modulation;
 use diopter_scene::motion::{AnimationPlayback, Extrapolation};
@@ -271,7 +272,7 @@ impl Timing {
             })
             .count();
         let (from, to) = ((from * 1e5).round() / 100.0, (to * 1e5).round() / 100.0);
-        let time = Seconds(shutter.exposure_s);
+        let time = time_name(shutter.exposure_s);
         warn(&match seen == n {
             // It burns longer than the shutter is open.
             true => format!(

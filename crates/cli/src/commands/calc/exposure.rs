@@ -57,7 +57,8 @@ pub fn value(aperture: FNumber, time: Seconds, iso: Iso, true_stops: bool, json:
         }));
     }
     let mut out = std::io::stdout();
-    writeln!(out, "{}   {}   {}", FNumber((n * 1e4).round() / 1e4), Seconds(t), Iso(s))?;
+    let [n, t, s] = [n, t, s].map(|v| format!("{v:.4e}").parse().unwrap_or(v));
+    writeln!(out, "{}   {}   {}", FNumber(n), Seconds(t), Iso(s))?;
     writeln!(out, "EV {ev:.2}   at ISO 100: EV {ev100:.2}")?;
     let (luminance, illuminance) = (shown(luminance), shown(illuminance));
     writeln!(out, "right for {luminance} cd/m² (K = {K}), or {illuminance} lx on the subject (C = {})", diopter::flash::C)?;
