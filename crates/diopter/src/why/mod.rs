@@ -203,14 +203,14 @@ impl Model<'_> {
         };
         let aberrations = self.ideal().map_or(Some(*all), |camera| self.blur(subject, &camera, &self.shutter, on));
         let diffraction = match on.diffraction && (self.diffracts)(&self.camera.lens) {
-            true => self.blur(subject, self.camera, &self.shutter, &On { diffraction: false, ..*on }),
-            false => Some(*all),
+            true => Ok(self.blur(subject, self.camera, &self.shutter, &On { diffraction: false, ..*on })),
+            false => Err("the picture has none".into()),
         };
         let [demosaicing, reduction] = f.development_px2;
         let list = [
             ("defocus", defocus),
             ("aberrations", Ok(aberrations)),
-            ("diffraction", Ok(diffraction)),
+            ("diffraction", diffraction),
             ("motion of the subject", Ok(moved(still(true, false)))),
             ("motion of the camera", Ok(moved(still(false, true)))),
             ("pixel aperture", Ok(filtered(Filters { aperture_mm: [0.0; 2], ..f }))),
