@@ -5,11 +5,11 @@ use super::timing::{LONGEST_S, Timing};
 use super::{DEFAULT_SEED, Shot, ShotError, lens_facts, long_time, value, wants_profile, white_point};
 use crate::camera_motion::CameraMotion;
 use crate::expose::ProgressReporter;
-use crate::flash::Flash;
+use crate::flash::{Flash, Sync};
 use crate::metering::{Meter, Pattern};
 use crate::program::{Chosen, Limits, Mode};
-use crate::shutter::{Shutter, ShutterTimes};
-use crate::{metering, program};
+use crate::shutter::{Mechanism, Shutter, ShutterTimes};
+use crate::{metering, program, stops};
 use diopter_image::{ExposureFacts, FocalPlane};
 use diopter_scene::light::Modulation;
 use std::sync::Arc;
@@ -193,14 +193,31 @@ impl Shot {
         let loss = self.facts.t_number / self.facts.f_number;
         let (widest, smallest) = (self.camera.lens.widest_f_number(), SMALLEST_STOP);
         let handheld_s = e.slowest_s.unwrap_or(1.0 / self.facts.focal_length_35mm_mm.max(1.0));
+        let times_s: [f64; 2] = if e.dials { DIAL_TIMES_S } else { [1e-7, 1e6] };
+        let sync_s = self.sync_s();
         Limits {
             aperture: [widest * loss, smallest.max(widest) * loss],
-            time_s: if e.dials { DIAL_TIMES_S } else { [1e-7, 1e6] },
+            time_s: times_s.map(|t| t.max(sync_s)),
             iso: e.auto_iso.unwrap_or([self.reading.iso; 2]),
             handheld_s,
             step: e.step,
             t_per_f: loss,
         }
+    }
+
+    /// The shortest time that cameras with curtains choose beside a flash, s: all of the picture is open while it burns (X-sync); on a dial the next longer mark. 0
+    /// without a flash, and where it burns all the time.
+    fn sync_s(&self) -> f64 {
+        let (Mechanism::FocalPlane { travel_s, .. }, Some(flash)) = (self.timing.mechanism, &self.timing.flash) else {
+            return 0.0;
+        };
+        if flash.sync == Sync::HighSpeed {
+            return 0.0;
+        }
+        let least = travel_s + flash.pulse_s;
+        let marks = self.exposing.step.map_or(Vec::new(), stops::times);
+        let longer = marks.iter().map(|mark| mark.value).filter(|t| *t >= least * (1.0 - 1e-9));
+        longer.reduce(f64::min).unwrap_or(least)
     }
 
     /// Sets the lens to another T-stop.
@@ -343,5 +360,42 @@ impl Shot {
     /// f-number of a T-stop of this lens.
     pub(super) fn f_number_of(&self, t_number: f64) -> f64 {
         t_number * self.facts.f_number / self.facts.t_number
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shot::ShotFile;
+    use std::sync::atomic::AtomicBool;
+
+    #[test]
+    fn beside_a_flash_curtains_are_open_together() {
+        let time = |more: &str| {
+            let text = format!(
+                "scene = {{ file = \"flat-field\", ambient_ev = 14 }}\ncamera.lens = \"thin\"\nrender = {{ size = \"24x16\", spp = 1 }}\n\
+                 shutter.kind = \"focal-plane\"\n{more}"
+            );
+            let file: ShotFile = toml::from_str(&text).unwrap();
+            let mut shot = Shot::prepare(&file, &mut |_| ()).unwrap();
+            let cancel = AtomicBool::new(false);
+            let mut warnings = Vec::new();
+            let watch = ProgressReporter { cancel: &cancel, progress: &|_| () };
+            shot.meter(&watch, &mut |text| warnings.push(text.to_owned())).unwrap();
+            (shot.shutter().exposure_s, warnings.join("; "))
+        };
+        let mode = "exposure = { mode = \"A\", aperture = \"f/1.4\" }\n";
+        let (alone, _) = time(mode);
+        let (synced, told) = time(&format!("{mode}flash.guide_number = 40\n"));
+        assert!(alone < 1e-3 && synced > 2e-3 && synced < 1e-2, "{alone} {synced}");
+        assert!(told.contains("too bright") && !told.contains("does not find the whole picture open"), "{told}");
+        let (high_speed, _) = time(&format!("{mode}flash = {{ guide_number = 40, sync = \"high-speed\" }}\n"));
+        // The noise of the meter's reading.
+        assert!((high_speed / alone - 1.0).abs() < 1e-2, "{high_speed} {alone}");
+        // On a dial the next longer mark; by the program the aperture closes.
+        let (dialled, _) = time("exposure = { mode = \"P\", dial = \"third\" }\nflash.guide_number = 40\n");
+        assert!(
+            stops::times(crate::stops::Step::Third).iter().any(|m| (m.value / dialled - 1.0).abs() < 1e-6) && dialled >= synced
+        );
     }
 }
