@@ -127,6 +127,13 @@ pub fn ev100_of_setting(f_number: f64, exposure_s: f64, iso: f64) -> f64 {
     (f_number * f_number / exposure_s * 100.0 / iso).log2()
 }
 
+/// The same of a picture, by the T-stop where it is known, the effective time and the speed (100 without one).
+pub fn ev100_of_facts(facts: &ExposureFacts) -> f64 {
+    let stop = if facts.t_number > 0.0 { facts.t_number } else { facts.f_number };
+    let time_s = facts.shutter.as_ref().map_or(facts.exposure_s, |s| s.effective_s);
+    ev100_of_setting(stop, time_s, facts.speed().unwrap_or(100.0))
+}
+
 /// The camera with the few large pixels by which it is metered.
 fn probing(camera: &Camera) -> Camera {
     let rows = (PROBE_COLUMNS * camera.film.rows).div_ceil(camera.film.columns).clamp(LEAST_ROWS, 4 * PROBE_COLUMNS);

@@ -2,7 +2,7 @@
 
 use crate::watch::say;
 use diopter::image::ExposureFacts;
-use diopter::metering::ev100_of_setting;
+use diopter::metering::ev100_of_facts;
 use diopter::quantity::FNumber;
 
 /// Time, aperture, speed.
@@ -33,9 +33,7 @@ pub fn display(f: &ExposureFacts, width: usize, height: usize, seconds: f64) -> 
     let meter = match f.metered_ev100 {
         None => "no light metered".to_owned(),
         Some(ev) => {
-            let stop = if f.t_number > 0.0 { f.t_number } else { f.f_number };
-            let time = f.shutter.as_ref().map_or(f.exposure_s, |s| s.effective_s);
-            let off = ev - ev100_of_setting(stop, time, f.speed().unwrap_or(100.0));
+            let off = ev - ev100_of_facts(f);
             format!("scene EV {ev:.1} ({}), exposure {} EV", f.metering, signed(off))
         }
     };

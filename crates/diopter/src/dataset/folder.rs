@@ -23,8 +23,6 @@ use std::sync::{Arc, Mutex};
 pub(super) const PARTS: &str = "parts";
 const CARD: &str = "card.json";
 const SUMS: &str = "SHA256SUMS";
-/// Ending of files that are JSON and no row of the table.
-const CALIBRATION: &str = ".calibration.json";
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// A shard and its items.
@@ -57,6 +55,11 @@ pub struct Folder {
     inputs: Vec<Value>,
     /// Shards that were packed since.
     packed: Mutex<HashSet<String>>,
+}
+
+/// Whether a file is what is known of an item, a row of the table: no other one of an item is JSON by its whole ending.
+fn tells_of_item(name: &str) -> bool {
+    name.split_once('.').is_some_and(|(_, ending)| ending == "json")
 }
 
 /// What was read of the files of a shard.
@@ -243,7 +246,7 @@ impl Folder {
             for item in shard.items.iter().filter(|i| !self.folder_has(shard, **i)) {
                 let archive = self.read_part(*item)?;
                 let (mut files, mut last) = (Vec::new(), None);
-                self.each_file(*item, &archive, |name, bytes| match name.ends_with(".json") && !name.ends_with(CALIBRATION) {
+                self.each_file(*item, &archive, |name, bytes| match tells_of_item(name) {
                     true => last = Some((name.to_owned(), bytes.to_vec())),
                     false => files.push((name.to_owned(), bytes.to_vec())),
                 })?;
@@ -393,7 +396,7 @@ impl Folder {
             let file = BufReader::with_capacity(1 << 20, File::open(&archive).map_err(|e| failed(&archive, e))?);
             let mut hashing = Hashing::new(file);
             let each = |name: &str, bytes: &[u8]| {
-                if name.ends_with(".json") && !name.ends_with(CALIBRATION) { row(bytes) } else { Ok(()) }
+                if tells_of_item(name) { row(bytes) } else { Ok(()) }
             };
             tar::read(&mut hashing, each).map_err(|e| damaged(&shard.name, e.to_string()))?;
             let (sum, bytes) = hashing.finish().map_err(|e| failed(&archive, e))?;

@@ -256,7 +256,7 @@ impl Dataset {
         let recorded = plane.truth.recorded();
         let mut all = Map::new();
         let writes = |name: &str| self.files.iter().any(|f| matches!(f, File::Channel(c) if c.name == name));
-        let objects = object_names(shot.scene.description());
+        let objects = if writes("id") { object_names(shot.scene.description()) } else { Vec::new() };
         for (channel, key, names) in [("id", "objects", &objects), ("class", "classes", &*recorded.classes)] {
             if writes(channel) {
                 let name = |number: u32| names.get((number as usize).checked_sub(1)?);

@@ -28,7 +28,7 @@ pub use light::{Brightness, Factor, Noise, NoiseTerm};
 use crate::camera::Camera;
 use crate::camera_motion::CameraMotion;
 use crate::focus::Report;
-use crate::metering::ev100_of_setting;
+use crate::metering::ev100_of_facts;
 use crate::shot::{Shot, ShotError, value};
 use crate::shutter::Shutter;
 use crate::stops::time_name;
@@ -487,9 +487,7 @@ impl Now<'_> {
             return Some(-self.of_saturation.max(1.0).log2().floor() - 1.0);
         }
         let f = self.shot.facts();
-        let stop = if f.t_number > 0.0 { f.t_number } else { f.f_number };
-        let time_s = f.shutter.as_ref().map_or(f.exposure_s, |s| s.effective_s);
-        let darker = ev100_of_setting(stop, time_s, self.pixel.reading.iso) - f.metered_ev100? + f.compensation_ev;
+        let darker = ev100_of_facts(&f) - f.metered_ev100? + f.compensation_ev;
         (darker > DARK_EV).then(|| darker.round().clamp(1.0, MOST_STOPS))
     }
 

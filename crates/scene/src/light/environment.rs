@@ -121,7 +121,7 @@ impl Environment {
         Environment::new(map, Mat3::IDENTITY, 1.0)
     }
 
-    /// The same light from everywhere, W·m⁻²·sr⁻¹·nm⁻¹; negative where no light is.
+    /// The same light from everywhere, W·m⁻²·sr⁻¹·nm⁻¹.
     pub fn even(light: Spectrum) -> Self {
         if let Spectrum::RgbLight { .. } = light {
             return Environment::uniform(light.sample(&SampledWavelengths::rgb()).truncate().max(Vec3::ZERO));

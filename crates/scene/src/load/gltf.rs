@@ -155,14 +155,9 @@ fn add_missing_views(json: &mut Value, buffers: &mut Vec<Vec<u8>>) {
     }
 }
 
-/// A list in an object; empty where it is not there.
-fn listed<'a>(json: &'a Value, key: &str) -> &'a [Value] {
-    json.get(key).and_then(Value::as_array).map_or(&[], Vec::as_slice)
-}
-
 /// The parts of all meshes.
 fn primitives(json: &Value) -> impl Iterator<Item = &Value> {
-    listed(json, "meshes").iter().flat_map(|mesh| listed(mesh, "primitives"))
+    packed::array(json, "meshes").iter().flat_map(|mesh| packed::array(mesh, "primitives"))
 }
 
 /// Whether morph targets change colours or texture coordinates.
@@ -187,7 +182,7 @@ fn parts_without_coordinates(json: &Value) -> usize {
             _ => {}
         }
     }
-    let of_material: Vec<Vec<u64>> = listed(json, "materials")
+    let of_material: Vec<Vec<u64>> = packed::array(json, "materials")
         .iter()
         .map(|material| {
             let mut all = Vec::new();

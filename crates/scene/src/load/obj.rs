@@ -365,6 +365,8 @@ pub(super) fn joined_lines(bytes: &[u8]) -> Cow<'_, [u8]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::material::BumpUnit;
+    use std::collections::HashMap;
 
     #[test]
     fn colours_of_some_vertices_weights_and_single_coordinates_are_read() {
@@ -431,8 +433,6 @@ mod tests {
         assert_eq!(d.materials[d.objects[0].material as usize].name, "m");
         assert!(d.warnings.iter().any(|w| w.ends_with("sub/a.mtl: Kdd, Tf: statements that are not read")), "{:?}", d.warnings);
     }
-    use crate::material::BumpUnit;
-    use std::collections::HashMap;
 
     #[test]
     fn lines_are_no_faces_and_comments_stand_behind_numbers() {

@@ -127,13 +127,31 @@ impl Image {
     pub fn is_grey(&self) -> bool {
         /// Between channels, in codes: what compression of JPEG leaves.
         const TOLERANCE: f32 = 8.0 / 255.0;
-        let (columns, rows) = (self.width.clamp(1, 64), self.height.clamp(1, 64));
-        let grey = |i: usize| {
-            let (column, row) = ((i % columns) * self.width / columns, (i / columns) * self.height / rows);
-            let rgb = self.texel(column, row).rgb();
-            rgb.max_element() - rgb.min_element() <= TOLERANCE
+        self.some_pixels().all(|rgb| rgb.max_element() - rgb.min_element() <= TOLERANCE)
+    }
+
+    /// Whether its colours are unit vectors that point outwards, as those of a map of normals are: most of a sample of its pixels.
+    pub fn is_of_normals(&self) -> bool {
+        /// Of lengths: compression and filters shorten some.
+        const TOLERANCE: f32 = 0.2;
+        /// Of the sample.
+        const MOST: f32 = 0.9;
+        let is_normal = |rgb: Vec3| {
+            let normal = 2.0 * rgb - 1.0;
+            (normal.length() - 1.0).abs() <= TOLERANCE && normal.z > 0.0
         };
-        (0..columns * rows).all(grey)
+        let (mut normals, mut all) = (0, 0);
+        for rgb in self.some_pixels() {
+            (normals, all) = (normals + u32::from(is_normal(rgb)), all + 1);
+        }
+        normals as f32 >= MOST * all as f32
+    }
+
+    /// Colours of pixels spread over it, 64 × 64 at most.
+    fn some_pixels(&self) -> impl Iterator<Item = Vec3> {
+        let (columns, rows) = (self.width.clamp(1, 64), self.height.clamp(1, 64));
+        (0..columns * rows)
+            .map(move |i| self.texel((i % columns) * self.width / columns, (i / columns) * self.height / rows).rgb())
     }
 
     /// The pixel of a column and a row, from the upper left. Panics beyond the picture.

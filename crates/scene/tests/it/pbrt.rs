@@ -73,6 +73,9 @@ fn what_pbrt_does_not_know_is_an_error_or_told() {
         let found = error(&text);
         assert!(found.contains(told), "{text}: {found}");
     }
+    // A file may be called like one of pbrt's own.
+    let own = format!("{HEAD}WorldBegin Material \"diffuse\" \"spectrum reflectance\" \"metal-own.spd\" Shape \"sphere\"");
+    assert!(load_with(&own, &[("metal-own.spd", b"400 0.5 700 0.5")]).is_ok());
     let warned = |text: &str| load(text).warnings.join("; ");
     let film = HEAD.replace("\"integer yresolution\" 100", "\"integer yresolution\" 50 \"float bogus\" 3");
     let told = warned(&format!("Integrator \"path\" \"integer maxdpth\" 3 {film}{ball}"));

@@ -58,7 +58,8 @@ fn index(value: Option<&Value>) -> Option<usize> {
     value.and_then(Value::as_u64).and_then(|v| usize::try_from(v).ok())
 }
 
-fn array<'v>(json: &'v Value, key: &str) -> &'v [Value] {
+/// A list in an object; empty where it is not there.
+pub(super) fn array<'v>(json: &'v Value, key: &str) -> &'v [Value] {
     json.get(key).and_then(Value::as_array).map_or(&[], Vec::as_slice)
 }
 

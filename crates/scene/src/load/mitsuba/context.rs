@@ -114,10 +114,10 @@ impl<'a> Context<'a> {
 
     /// A colour or spectrum by name, given there or by reference; `None` where there is none. Fails on textures.
     pub fn shade(&self, node: &Node, name: &str) -> Read<Option<Shade>> {
-        let Some(child) = node.child(name) else { return Ok(None) };
-        match Shade::of(&*self.resolved(child)?)? {
+        let Some(child) = node.child(name).map(|child| self.resolved(child)).transpose()? else { return Ok(None) };
+        match Shade::of(&child)? {
             Some(shade) => Ok(Some(shade)),
-            None => Err(wrong(child, format!("a {} as \"{name}\"", self.resolved(child)?.tag), "a colour or a spectrum")),
+            None => Err(wrong(&child, format!("a {} as \"{name}\"", child.tag), "a colour or a spectrum")),
         }
     }
 

@@ -408,7 +408,7 @@ impl Context<'_> {
         }
         if node.kind() == "principledthin" {
             // Theirs reflects like glass only as far as it lets light through.
-            p.specular = p.transmission.clone();
+            (p.specular, p.tinted) = (p.transmission.clone(), true);
         }
         let transmits = !matches!(p.transmission, Scalar::Constant(t) if t <= 0.0);
         let is_body = transmits && node.kind() == "principled";

@@ -563,6 +563,20 @@ mod tests {
     }
 
     #[test]
+    fn a_thin_principled_sheet_reflects_as_far_as_it_lets_through() {
+        let gloss = |kind: &str, more: &str| {
+            let d = read(&format!("<shape type='sphere'><bsdf type='{kind}'>{more}</bsdf></shape>")).unwrap();
+            let Scattering::Principled(p) = d.materials[0].scattering.clone() else { panic!("a gloss") };
+            let Scalar::Constant(specular) = p.specular else { panic!("a constant") };
+            // Without the mark the strength counts for nothing.
+            if p.tinted { specular } else { 1.0 }
+        };
+        assert_eq!(gloss("principledthin", ""), 0.0);
+        assert_eq!(gloss("principledthin", "<float name='spec_trans' value='0.3'/>"), 0.3);
+        assert_eq!(gloss("principled", ""), 1.0);
+    }
+
+    #[test]
     fn values_by_reference_and_volumes_of_one_value_count() {
         let d = read(
             "<spectrum type='d65' id='s'><float name='scale' value='7'/></spectrum><emitter type='constant'><ref name='radiance' id='s'/></emitter>\

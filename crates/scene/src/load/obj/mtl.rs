@@ -30,8 +30,7 @@ const PICTURES: [&str; 10] = ["map_Kd", "map_Ke", "map_d", "map_Bump", "bump", "
 const UNREAD: [&str; 8] = ["map_Ks", "map_Ns", "map_Ps", "map_Tr", "map_opacity", "decal", "refl", "map_refl"];
 
 /// Statements of numbers that are told of where they are not what they are without: a tint of what comes through, and the coat, sheen and anisotropy of the physically based extension.
-const UNREAD_NUMBERS: [(&str, f32); 7] =
-    [("Tf", 1.0), ("Pc", 0.0), ("Pcr", 0.0), ("Ps", 0.0), ("aniso", 0.0), ("anisor", 0.0), ("Pcoat", 0.0)];
+const UNREAD_NUMBERS: [(&str, f32); 6] = [("Tf", 1.0), ("Pc", 0.0), ("Pcr", 0.0), ("Ps", 0.0), ("aniso", 0.0), ("anisor", 0.0)];
 
 /// Statements without an effect on a picture of a camera: light from nowhere, how textures are smoothed, reflection maps sharpened.
 const WITHOUT_EFFECT: [&str; 5] = ["Ka", "map_Ka", "map_aat", "sharpness", "Km"];
@@ -411,7 +410,7 @@ impl MtlMaterial {
             made.normal_map = Some((p.texture(i, Codes::Linear), 1.0));
         } else if let Some((p, i)) = self.picture(&["map_Bump", "bump"], pictures) {
             let strength = p.numbers("-bm").first().copied().unwrap_or(1.0);
-            match !i.is_grey() && is_of_normals(&i) {
+            match !i.is_grey() && i.is_of_normals() {
                 true => made.normal_map = Some((p.texture(i, Codes::Linear), strength)),
                 false => {
                     let height = p.scalar_of(i, strength, Some(LUMINANCE));
@@ -420,19 +419,4 @@ impl MtlMaterial {
             }
         }
     }
-}
-
-/// Whether the colours of a picture are unit vectors that point outwards: most of a sample of its pixels.
-fn is_of_normals(image: &Image) -> bool {
-    /// Beside 1, and parts of the sample: compression and filters shorten some.
-    const TOLERANCE: f32 = 0.2;
-    const MOST: f32 = 0.9;
-    let (columns, rows) = (image.width.clamp(1, 64), image.height.clamp(1, 64));
-    let is_normal = |i: usize| {
-        let (column, row) = ((i % columns) * image.width / columns, (i / columns) * image.height / rows);
-        let normal = 2.0 * image.texel(column, row).rgb() - 1.0;
-        (normal.length() - 1.0).abs() <= TOLERANCE && normal.z > 0.0
-    };
-    let count = (0..columns * rows).filter(|i| is_normal(*i)).count();
-    count as f32 >= MOST * (columns * rows) as f32
 }

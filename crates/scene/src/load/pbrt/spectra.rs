@@ -26,6 +26,11 @@ const GLASSES: [(&str, [f64; 6]); 7] = [
     ("F11", [1.737_596_95, 0.313_747_346, 1.898_781_01, 0.013_188_707, 0.062_306_814_2, 155.236_29]),
 ];
 
+/// How names of pbrt's own spectra begin.
+const FAMILIES: [&str; 7] = ["stdillum-", "illum-", "glass-", "metal-", "canon_", "nikon_", "sony_"];
+/// What a name may be.
+const KNOWN: &str = "a spectrum that is known by name (stdillum-D65 or another of CIE's, glass-BK7, metal-Cu-eta ...), or a file of wavelengths and values";
+
 /// What a spectrum is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Use {
@@ -86,15 +91,13 @@ fn any(context: &Context, p: &Param, purpose: Use) -> Result<Spectrum, Fault> {
             let name = names.first().map_or("", String::as_str);
             match named(name) {
                 Some(t) => Ok(lit(t, purpose)),
-                None if ["stdillum-", "illum-", "glass-", "metal-", "canon_", "nikon_", "sony_"]
-                    .iter()
-                    .any(|family| name.starts_with(family)) =>
-                {
-                    let expected = "a spectrum that is known by name (stdillum-D65 or another of CIE's, glass-BK7, metal-Cu-eta ...), or a file of wavelengths and values";
-                    Err(p.place.fault(format!("spectrum \"{name}\""), expected))
-                }
                 None => {
-                    let bytes = context.file(name, p.place)?;
+                    let bytes = context.file(name, p.place).map_err(|fault| {
+                        match FAMILIES.iter().any(|family| name.starts_with(family)) {
+                            true => p.place.fault(format!("spectrum \"{name}\""), KNOWN),
+                            false => fault,
+                        }
+                    })?;
                     let text = String::from_utf8_lossy(&bytes).into_owned();
                     let words = text.lines().map(|l| l.split('#').next().unwrap_or("")).flat_map(str::split_ascii_whitespace);
                     let numbers: Option<Vec<f64>> = words.map(|w| w.parse().ok()).collect();
