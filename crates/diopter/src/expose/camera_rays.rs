@@ -167,11 +167,12 @@ impl Unit<'_> {
         let mut left = 0..numbers.count();
         while !left.is_empty() {
             rays.clear();
-            rays.extend(left.by_ref().take(PACKET).filter_map(|number| {
-                let (x, y, sample) = numbers.of(number)?;
+            for (x, y, sample) in left.by_ref().take(PACKET).filter_map(|number| numbers.of(number)) {
                 let sampler = self.sampler(x, y, sample);
-                self.camera_ray(x, y, &sampler, &self.group_sampler([x, y], &sampler))
-            }));
+                if let Some(ray) = self.camera_ray(x, y, &sampler, &self.group_sampler([x, y], &sampler)) {
+                    rays.push(ray);
+                }
+            }
             each(&mut rays);
         }
     }

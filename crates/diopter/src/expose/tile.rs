@@ -91,11 +91,13 @@ impl Unit<'_> {
         let sample = |ray: &CameraRay| (ray.sampler.number(), pair(ray));
         let mut waiting: Vec<CameraRay> = Vec::new();
         self.camera_rays(&numbers, by_pixel, |rays| {
-            for ray in rays.drain(..) {
-                if waiting.first().is_some_and(|first| sample(first) != sample(&ray)) {
+            while let Some(first) = rays.first() {
+                let current = sample(waiting.first().unwrap_or(first));
+                let of_current = rays.iter().take_while(|ray| sample(ray) == current).count();
+                waiting.extend(rays.drain(..of_current));
+                if !rays.is_empty() {
                     count(&mut waiting);
                 }
-                waiting.push(ray);
             }
         });
         count(&mut waiting);

@@ -8,7 +8,7 @@
 //! Kensler & Shirley 2006, "Optimizing Ray-Triangle Intersection via Automated Search"): the two triangles at an edge find the same number of opposite signs, so that no ray passes between them, and it is off by rounding of the size of
 //! the edge times the distance, not of the square of that.
 
-use super::traverse::{Prepared, WIDEN, not_zero, traverse_from};
+use super::traverse::{LEAST_COMPONENT, Prepared, WIDEN, traverse_from};
 use super::{Block, Bvh, Child, ChildKind, Filter, Node};
 use diopter_light::{Ray, instruction_set};
 use fearless_simd::{Simd, dispatch, f32x8, f32x16, prelude::*};
@@ -53,24 +53,39 @@ struct Packet {
 }
 
 impl Packet {
-    fn new(rays: &[(Ray, f32)], bundle: Bundle) -> Packet {
+    #[inline(always)]
+    fn new<S: Simd>(simd: S, rays: &[(Ray, f32)], bundle: Bundle) -> Packet {
         let reference = match bundle {
             Bundle::Towards(end) => end,
             Bundle::Along(_) => rays[0].0.origin,
         };
         let [origin, start] = [[[0.0; PACKET]; 3]; 2];
+        // Directions first.
         let mut packet = Packet { origin, inverse: [[1.0; PACKET]; 3], t_max: [-1.0; PACKET], bundle, reference, start };
         for (k, (ray, t_max)) in rays.iter().enumerate() {
-            // What is not a number meets nothing.
-            if !(ray.origin.is_finite() && ray.direction.is_finite()) {
-                continue;
-            }
-            for axis in 0..3 {
-                packet.origin[axis][k] = ray.origin[axis];
-                packet.inverse[axis][k] = 1.0 / not_zero(ray.direction[axis]);
-                packet.start[axis][k] = ray.origin[axis] - reference[axis];
-            }
+            packet.origin[0][k] = ray.origin.x;
+            packet.origin[1][k] = ray.origin.y;
+            packet.origin[2][k] = ray.origin.z;
+            packet.inverse[0][k] = ray.direction.x;
+            packet.inverse[1][k] = ray.direction.y;
+            packet.inverse[2][k] = ray.direction.z;
             packet.t_max[k] = *t_max;
+        }
+        let (one, tiny) = (f32x16::splat(simd, 1.0), f32x16::splat(simd, LEAST_COMPONENT));
+        for first in (0..rays.len()).step_by(LANES) {
+            let lanes = first..first + LANES;
+            // What is not a number meets nothing.
+            let mut size = f32x16::splat(simd, 0.0);
+            for axis in 0..3 {
+                let origin = f32x16::from_slice(simd, &packet.origin[axis][lanes.clone()]);
+                let direction = f32x16::from_slice(simd, &packet.inverse[axis][lanes.clone()]);
+                size = size + origin.abs() + direction.abs();
+                let not_zero = direction.abs().simd_lt(tiny).select(tiny.copysign(direction), direction);
+                (one / not_zero).store_slice(&mut packet.inverse[axis][lanes.clone()]);
+                (origin - f32x16::splat(simd, reference[axis])).store_slice(&mut packet.start[axis][lanes.clone()]);
+            }
+            let t_max = f32x16::from_slice(simd, &packet.t_max[lanes.clone()]);
+            size.simd_lt(f32x16::splat(simd, f32::INFINITY)).select(t_max, -one).store_slice(&mut packet.t_max[lanes]);
         }
         packet
     }
@@ -250,7 +265,7 @@ fn any_of<S: Simd, F: Filter>(simd: S, bvh: &Bvh, rays: &[(Ray, f32)], bundle: B
     if bvh.nodes.is_empty() || rays.is_empty() {
         return 0;
     }
-    let packet = Packet::new(rays, bundle);
+    let packet = Packet::new(simd, rays, bundle);
     let mut met = 0u32;
     let mut waiting: Vec<(Child, u32)> = Vec::with_capacity(64);
     waiting.push((Child::node(0), u32::MAX >> (PACKET - rays.len())));

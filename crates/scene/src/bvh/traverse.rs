@@ -229,10 +229,12 @@ impl<S: Simd> Prepared<S> {
     }
 }
 
-/// A direction along a plane must not make 0 · ∞.
+/// A direction along a plane must not make 0 · ∞: its components are taken to be at least this.
+pub(super) const LEAST_COMPONENT: f32 = 1e-20;
+
 #[inline(always)]
-pub(super) fn not_zero(d: f32) -> f32 {
-    if d.abs() < 1e-20 { 1e-20f32.copysign(d) } else { d }
+fn not_zero(d: f32) -> f32 {
+    if d.abs() < LEAST_COMPONENT { LEAST_COMPONENT.copysign(d) } else { d }
 }
 
 #[inline(always)]

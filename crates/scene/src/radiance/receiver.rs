@@ -107,7 +107,8 @@ pub(super) struct Sight {
 }
 
 impl Sight {
-    /// Numbers of those from `among` which have a shadow ray that nothing stands in, or may stand in. The receiver of the path that found it sees it.
+    /// Numbers of those from `among` that `faces` holds of and whose shadow rays, all with the end or the direction of `bundle`, meet nothing that stands in them, or may. The receiver of the path that
+    /// found it sees it.
     #[inline]
     pub fn of(
         &mut self,
@@ -116,16 +117,23 @@ impl Sight {
         among: Range<usize>,
         finder: usize,
         bundle: Bundle,
-        shadow_ray: impl Fn(&Receiver) -> Option<(Ray, f32)>,
+        faces: impl Fn(&Receiver) -> bool,
     ) -> &[usize] {
         self.seeing.clear();
         self.shadow_rays.clear();
+        self.shadow_rays.reserve(among.len());
         for number in among {
             let receiver = &receivers[number];
-            let Some(ray) = shadow_ray(receiver) else { continue };
+            if !faces(receiver) {
+                continue;
+            }
             self.seeing.push(number);
+            // A ray is made where it is to lie: one that waits on the stack for its place is read in other pieces than it was written in, which took a third of all this.
             if receiver.path != finder {
-                self.shadow_rays.push(ray);
+                self.shadow_rays.push(match bundle {
+                    Bundle::Towards(end) => receiver.ray_to(end),
+                    Bundle::Along(wi) => receiver.ray_towards(wi),
+                });
             }
         }
         self.cast += self.shadow_rays.len() as u32;

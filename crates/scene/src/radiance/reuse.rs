@@ -500,9 +500,8 @@ impl<'a> Transport<'a> {
             let faces = |receiver: &Receiver| {
                 receiver.depth == own.depth && receiver.medium == own.medium && receiver.way_to(donor.point, donor.ng).is_some()
             };
-            let shadow_ray = |receiver: &Receiver| faces(receiver).then(|| receiver.ray_to(donor.end));
             let bundle = Bundle::Towards(donor.end);
-            let seeing = sight.of(self.scene, &receivers.all, either, donor.path, bundle, shadow_ray);
+            let seeing = sight.of(self.scene, &receivers.all, either, donor.path, bundle, faces);
             let between = MediumBetween::new(self.scene, own.medium, donor);
             // Of the donor, and of it and the direction in which its path went on.
             let (mut density, mut joint_density) = (0.0, 0.0);

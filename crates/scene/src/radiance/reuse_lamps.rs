@@ -122,10 +122,9 @@ impl<'a> Transport<'a> {
                     && receiver.flash == sample.flash
                     && receiver.way_to(sample.point, sample.normal).is_some()
             };
-            let shadow_ray = |receiver: &Receiver| faces(receiver).then(|| receiver.ray_to(sample.end));
             let (among, bundle) = (within(&receivers.all, &part), Bundle::Towards(sample.end));
             let mut density = 0.0;
-            for &number in sight.of(self.scene, &receivers.all, among, sample.path, bundle, shadow_ray) {
+            for &number in sight.of(self.scene, &receivers.all, among, sample.path, bundle, faces) {
                 let receiver = &receivers.all[number];
                 let Some(Way { wi, distance, geometry }) = receiver.way_to(sample.point, sample.normal) else { continue };
                 let (f, pdf) = receivers.eval(receiver, wi);

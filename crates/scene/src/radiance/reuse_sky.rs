@@ -87,10 +87,9 @@ impl<'a> Transport<'a> {
             lent.clear();
             let part = level.part_for_sky(sample.brightness(), sample.path, tallies.len());
             let faces = |receiver: &Receiver| receiver.depth == sample.depth && sample.wi.dot(receiver.ng) > 0.0;
-            let shadow_ray = |receiver: &Receiver| faces(receiver).then(|| receiver.ray_towards(sample.wi));
             let (among, bundle) = (within(&receivers.all, &part), Bundle::Along(sample.wi));
             let mut density = 0.0;
-            for &number in sight.of(self.scene, &receivers.all, among, sample.path, bundle, shadow_ray) {
+            for &number in sight.of(self.scene, &receivers.all, among, sample.path, bundle, faces) {
                 let receiver = &receivers.all[number];
                 let (f, pdf) = receivers.eval(receiver, sample.wi);
                 if f == SampledSpectrum::ZERO {
