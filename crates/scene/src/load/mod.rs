@@ -23,7 +23,7 @@ pub use crate::scene::description::DisplacedSurface;
 pub use displaced::PixelView;
 pub use foreign::foreign;
 pub use measured::read_measured;
-pub use picture::{read_codes, read_light};
+pub use picture::{read_codes, read_light, read_profile};
 
 use crate::SceneError;
 use crate::material::{Measured, Scattering};

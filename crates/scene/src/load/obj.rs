@@ -76,7 +76,7 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
         let colors = m.vertex_color.as_chunks::<3>().0.iter().filter(|_| colored);
         let mut mesh = Mesh {
             positions: triples(&m.positions),
-            normals: triples(&m.normals).into_iter().map(|n| n.normalize_or(Vec3::Z)).collect(),
+            normals: triples(&m.normals).into_iter().map(|n| n.normalize_or_zero()).collect(),
             uvs: [m.texcoords.chunks_exact(2).map(Vec2::from_slice).collect(), vec![]],
             // Codes of sRGB, as programs write them.
             colors: colors.map(|c| Vec3::from_array(c.map(linear)).extend(1.0)).collect(),

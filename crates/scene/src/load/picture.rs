@@ -72,6 +72,12 @@ pub fn read_codes(bytes: &[u8]) -> Result<Raster<f32>, String> {
     Ok(Raster { width, height, channels: 3, data: picture.into_raw() })
 }
 
+/// The colour profile (ICC) that a picture carries; `None` without one, and of what cannot be read.
+pub fn read_profile(bytes: &[u8]) -> Option<Vec<u8>> {
+    let format = image::guess_format(bytes).ok()?;
+    image::ImageReader::with_format(Cursor::new(bytes), format).into_decoder().ok()?.icc_profile().ok()?
+}
+
 /// Reads a picture as its file has it: codes of 8 or 16 bits a channel, or numbers.
 fn read_picture(bytes: &[u8]) -> Result<Image, String> {
     let picture = decoded(bytes)?;

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 pub struct Mesh {
     /// Corners, m.
     pub positions: Vec<Vec3>,
-    /// Unit normals; empty: flat faces.
+    /// Unit normals; empty: flat faces. Where those of a triangle add up to 0, its own counts.
     pub normals: Vec<Vec3>,
     /// Tangents, w the handedness; empty: derived from texture coordinates.
     pub tangents: Vec<Vec4>,

@@ -125,7 +125,7 @@ fn obj(bytes: &[u8]) -> Result<Mesh, String> {
         // Groups that lack what others have do not take it from them.
         if normals {
             part.normals = match has_normals(m) {
-                true => m.normals.chunks_exact(3).map(|n| Vec3::from_slice(n).normalize_or(Vec3::Z)).collect(),
+                true => m.normals.chunks_exact(3).map(|n| Vec3::from_slice(n).normalize_or_zero()).collect(),
                 false => vertex_normals(&part),
             };
         }
@@ -201,7 +201,7 @@ fn serialized(bytes: &[u8], part: usize) -> Result<Mesh, String> {
     let triples = |v: Vec<f32>| v.as_chunks::<3>().0.iter().map(|p| Vec3::from_array(*p)).collect::<Vec<_>>();
     let mut mesh = Mesh { positions: triples(list(3)?), ..Mesh::default() };
     if flags & 1 != 0 {
-        mesh.normals = triples(list(3)?).into_iter().map(|n| n.normalize_or(Vec3::Z)).collect();
+        mesh.normals = triples(list(3)?).into_iter().map(|n| n.normalize_or_zero()).collect();
     }
     if flags & 2 != 0 {
         mesh.uvs[0] = list(2)?.as_chunks::<2>().0.iter().map(|p| Vec2::from_array(*p)).collect();

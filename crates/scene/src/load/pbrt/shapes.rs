@@ -168,7 +168,7 @@ fn curve(p: &Params, place: Place) -> Result<Curves, Fault> {
     };
     let normals = match (p.vectors("N")?, kind) {
         (Some(normals), CurveKind::Ribbon) if normals.len() == segments + 1 => {
-            normals.into_iter().map(|n| n.normalize_or(Vec3::Z)).collect()
+            normals.into_iter().map(|n| n.normalize_or_zero()).collect()
         }
         (Some(normals), CurveKind::Ribbon) => {
             return Err(place.fault(
@@ -246,7 +246,7 @@ fn with_attributes(mut mesh: Mesh, p: &Params, place: Place) -> Result<Mesh, Fau
     };
     if let Some(normals) = p.vectors("N")? {
         fits("normals", normals.len())?;
-        mesh.normals = normals.into_iter().map(|n| n.normalize_or(Vec3::Z)).collect();
+        mesh.normals = normals.into_iter().map(|n| n.normalize_or_zero()).collect();
     }
     let uv = p.points2("uv")?;
     if let Some(uv) = uv {

@@ -1,6 +1,6 @@
 //! Collections of prims, and which material prims are bound to, directly or as one of a collection.
 //!
-//! Source: OpenUSD, `UsdCollectionAPI` (includes, excludes, expansion rules) and `UsdShadeMaterialBindingAPI` (`ComputeBoundMaterial`: of the prim and of
+//! Source: OpenUSD, `UsdCollectionAPI` (includes, excludes, expansion rules) and `UsdShadeMaterialBindingAPI` (`ComputeBoundMaterial`: of a purpose, of the prim and of
 //! what is around it the nearest binding counts, unless one further out is stronger than descendants; on one prim a collection's goes before its own).
 //! Collections by path expressions are not read.
 
@@ -50,15 +50,30 @@ pub(super) type Binding = (String, bool);
 /// What a prim binds itself and all below it to, and what is around it.
 #[derive(Debug)]
 pub(super) struct Bindings {
-    direct: Option<Binding>,
-    collections: Vec<(Collection, Binding)>,
+    /// By [`PURPOSES`].
+    of_purpose: [OfPurpose; 3],
     outer: Option<Arc<Bindings>>,
 }
 
+/// What a prim binds for a purpose.
+#[derive(Debug, Default)]
+struct OfPurpose {
+    direct: Option<Binding>,
+    collections: Vec<(Collection, Binding)>,
+}
+
+/// Purposes of materials, each of which counts only where nothing around is bound for those before: the final picture, all, previews.
+const PURPOSES: [&str; 3] = ["material:binding:full", "material:binding", "material:binding:preview"];
+
 /// The material that a prim of a path is bound to.
 pub(super) fn material<'a>(bindings: Option<&'a Arc<Bindings>>, path: &str) -> Option<&'a str> {
+    (0..PURPOSES.len()).find_map(|purpose| material_for(bindings, path, purpose))
+}
+
+fn material_for<'a>(bindings: Option<&'a Arc<Bindings>>, path: &str, purpose: usize) -> Option<&'a str> {
     let mut found: Option<&Binding> = None;
     for level in std::iter::successors(bindings, |b| b.outer.as_ref()) {
+        let level = &level.of_purpose[purpose];
         let mut is_own = false;
         if let Some(direct) = level.direct.as_ref().filter(|d| found.is_none() || d.1) {
             (found, is_own) = (Some(direct), true);
@@ -74,34 +89,34 @@ pub(super) fn material<'a>(bindings: Option<&'a Arc<Bindings>>, path: &str) -> O
 
 /// Bindings of a prim within others, and whether it has some to collections by path expressions, which are left out. Fails where a value is damaged in its file.
 pub(super) fn bindings(stage: &mut Stage, prim: &Prim, outer: Option<Arc<Bindings>>) -> Read<(Option<Arc<Bindings>>, bool)> {
-    let mut direct = None;
-    for name in ["material:binding:full", "material:binding", "material:binding:preview"] {
-        if direct.is_none()
-            && let Some(path) = stage.targets(prim, name, Key::TargetPaths)?.into_iter().next()
-        {
-            direct = Some((path, is_strong(stage, prim, name)?));
+    let mut of_purpose: [OfPurpose; 3] = Default::default();
+    for (of_purpose, name) in of_purpose.iter_mut().zip(PURPOSES) {
+        if let Some(path) = stage.targets(prim, name, Key::TargetPaths)?.into_iter().next() {
+            of_purpose.direct = Some((path, is_strong(stage, prim, name)?));
         }
     }
-    let (mut collections, mut has_expressions, mut left) = (Vec::new(), false, MOST);
-    let mut names = stage.collection_bindings(prim);
-    names.sort_by_key(|name| match name.split(':').collect::<Vec<_>>()[..] {
-        [_, _, _, "full", _, ..] => 0,
-        [_, _, _, "preview", _, ..] => 2,
-        _ => 1,
-    });
-    for name in names {
+    let (mut has_expressions, mut left) = (false, MOST);
+    for name in stage.collection_bindings(prim) {
+        let purpose = match name.split(':').collect::<Vec<_>>()[..] {
+            [_, _, _, "full", _, ..] => 0,
+            [_, _, _, "preview", _, ..] => 2,
+            _ => 1,
+        };
         let targets = stage.targets(prim, &name, Key::TargetPaths)?;
         let (of, materials): (Vec<String>, Vec<String>) = targets.into_iter().partition(|t| t.contains(".collection:"));
         let (Some(of), Some(path)) = (of.first(), materials.into_iter().next()) else { continue };
         match read(stage, of, DEEPEST, &mut left)? {
-            Some(collection) => collections.push((collection, (path, is_strong(stage, prim, &name)?))),
+            Some(collection) => {
+                let binding = (path, is_strong(stage, prim, &name)?);
+                of_purpose[purpose].collections.push((collection, binding));
+            }
             None => has_expressions = true,
         }
     }
-    if direct.is_none() && collections.is_empty() {
+    if of_purpose.iter().all(|p| p.direct.is_none() && p.collections.is_empty()) {
         return Ok((outer, has_expressions));
     }
-    Ok((Some(Arc::new(Bindings { direct, collections, outer })), has_expressions))
+    Ok((Some(Arc::new(Bindings { of_purpose, outer })), has_expressions))
 }
 
 fn is_strong(stage: &Stage, prim: &Prim, name: &str) -> Read<bool> {

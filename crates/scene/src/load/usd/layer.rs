@@ -23,8 +23,10 @@ pub enum Key {
     Payload,
     PrimChildren,
     References,
+    Relocates,
     Specializes,
     Specifier,
+    Spline,
     StartTimeCode,
     SubLayerOffsets,
     SubLayers,
@@ -58,8 +60,10 @@ impl Key {
             "payload" => Key::Payload,
             "primChildren" => Key::PrimChildren,
             "references" => Key::References,
+            "layerRelocates" | "relocates" => Key::Relocates,
             "specializes" => Key::Specializes,
             "specifier" => Key::Specifier,
+            "spline" => Key::Spline,
             "startTimeCode" => Key::StartTimeCode,
             "subLayerOffsets" => Key::SubLayerOffsets,
             "subLayers" => Key::SubLayers,
@@ -295,6 +299,11 @@ impl Layer {
     /// Whether an attribute of the prim at a path has time samples.
     pub fn has_samples(&self, path: &str) -> bool {
         self.sampled.contains(path)
+    }
+
+    /// Whether anything has a field.
+    pub fn uses(&self, key: Key) -> bool {
+        self.specs.values().any(|spec| spec.fields.iter().any(|(k, _)| *k == key))
     }
 
     /// Names of the relationships by which the prim at a path binds materials to collections: "material:binding:collection:red".

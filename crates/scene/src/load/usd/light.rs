@@ -5,7 +5,7 @@
 //! with the power `focus` of the cosine, and with the cosine of flat ones. A mesh that is a light (MeshLightAPI) shines on its front.
 
 use super::geometry;
-use super::layer::Value;
+use super::layer::{Key, Value};
 use super::stage::{Prim, Stage};
 use super::world::{Place, World};
 use crate::SceneError;
@@ -150,8 +150,28 @@ pub fn add(world: &mut World, kind: &str, prim: &Arc<Prim>, place: &Place) -> Re
             _ => world.is_z_up,
         }
     };
-    if number("shadow:enable", 1.0)? == 0.0 {
-        world.skip_unsupported("lights that throw no shadows");
+    let tint = stage.attribute(prim, "inputs:shaping:focusTint")?.or(stage.attribute(prim, "shaping:focusTint")?);
+    let has_tint = tint.and_then(|t| t.value.floats()).is_some_and(|t| focus > 0.0 && t.iter().any(|v| *v != 0.0));
+    let linked = |name: &str| -> Result<bool, SceneError> {
+        let excludes = !stage.targets(prim, &format!("collection:{name}:excludes"), Key::TargetPaths)?.is_empty();
+        Ok(excludes || stage.value(prim, &format!("collection:{name}:includeRoot"))?.and_then(|v| v.number()) == Some(0.0))
+    };
+    let is_linked = linked("lightLink")? || linked("shadowLink")?;
+    let is_filtered = !stage.targets(prim, "light:filters", Key::TargetPaths)?.is_empty();
+    let format = stage.attribute(prim, "inputs:texture:format")?.or(stage.attribute(prim, "texture:format")?);
+    let format = format.and_then(|f| f.value.text().map(|t| t.to_string()));
+    let is_other_format = file.is_some() && format.is_some_and(|f| !matches!(f.as_str(), "automatic" | "latlong"));
+    let throws_none = number("shadow:enable", 1.0)? == 0.0;
+    for (is_left_out, what) in [
+        (throws_none, "lights that throw no shadows"),
+        (has_tint, "tints of the focus of lights"),
+        (is_linked, "links of lights with what they light"),
+        (is_filtered, "filters of lights"),
+        (is_other_format, "formats of dome pictures: all are read as latlong"),
+    ] {
+        if is_left_out {
+            world.skip_unsupported(what);
+        }
     }
     if ies {
         world.skip_unsupported("IES profiles of lights");

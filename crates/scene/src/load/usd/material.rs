@@ -14,6 +14,7 @@ use super::world::World;
 use crate::SceneError;
 use crate::light::Modulation;
 use crate::material::{Coverage, Emission, EmissionColor, Material, Principled, Scattering};
+use crate::texture::levels::linear;
 use crate::texture::{Codes, Color, Scalar};
 use diopter_light::{Spectrum, color};
 use glam::Vec3;
@@ -21,6 +22,8 @@ use std::sync::Arc;
 
 /// Most shaders between a material and a value.
 const LONGEST_CHAIN: usize = 32;
+/// Largest reflectance at normal incidence that a specular colour makes: an index of 198.
+const MOST_SPECULAR: f32 = 0.98;
 /// Reflectance of what says nothing of itself.
 const GREY: f32 = 0.6;
 
@@ -190,10 +193,15 @@ impl World<'_> {
         for _ in 0..LONGEST_CHAIN {
             let Some((path, property)) = self.stage.source(&prim, &attribute)? else {
                 return Ok(match self.stage.attribute(&prim, &attribute)? {
-                    Some(found) => match self.stage.at_start(&found)? {
-                        Some(value) => Input::Value(value, found.layer),
-                        None => Input::Absent,
-                    },
+                    Some(found) => {
+                        if matches!(&found.value, Value::Samples(list) if list.len() > 1) {
+                            self.skip_unsupported("materials that change");
+                        }
+                        match self.stage.at_start(&found)? {
+                            Some(value) => Input::Value(value, found.layer),
+                            None => Input::Absent,
+                        }
+                    }
                     None => Input::Absent,
                 });
             };
@@ -248,20 +256,28 @@ impl World<'_> {
 
     fn preview_surface(&mut self, shader: &Arc<Prim>, uses: &mut Uses) -> Read<Material> {
         let base = self.color(shader, "diffuseColor", Vec3::splat(0.18), uses)?;
-        let ior = self.number(shader, "ior", 1.5)?.clamp(1.0, 10.0);
+        let mut ior = self.number(shader, "ior", 1.5)?.clamp(1.0, 10.0);
+        // Reflectance at normal incidence over that of an index, which is raised where that of the file reflects less than the colour: metals are told so.
+        let specular = match self.number(shader, "useSpecularWorkflow", 0.0)? != 0.0 {
+            false => None,
+            true => {
+                let (color, own) = (self.color(shader, "specularColor", Vec3::ZERO, uses)?, ((ior - 1.0) / (ior + 1.0)).powi(2));
+                let f0 = own.max(1e-4).max(brightest(&color).min(MOST_SPECULAR));
+                if f0 > own {
+                    ior = index_of(f0);
+                }
+                Some(color.times(Vec3::splat(1.0 / f0)))
+            }
+        };
         let mut p = Principled {
             roughness: self.scalar(shader, "roughness", 0.5, uses)?,
             clearcoat: self.scalar(shader, "clearcoat", 0.0, uses)?,
             clearcoat_roughness: self.scalar(shader, "clearcoatRoughness", 0.01, uses)?,
             ..Principled::new(base, ior)
         };
-        if self.number(shader, "useSpecularWorkflow", 0.0)? != 0.0 {
-            // Reflectance at normal incidence over that of the index.
-            let f0 = ((ior - 1.0) / (ior + 1.0)).powi(2).max(1e-4);
-            p.specular_color = self.color(shader, "specularColor", Vec3::ZERO, uses)?.times(Vec3::splat(1.0 / f0));
-            p.tinted = true;
-        } else {
-            p.metallic = self.scalar(shader, "metallic", 0.0, uses)?;
+        match specular {
+            Some(color) => (p.specular_color, p.tinted) = (color, true),
+            None => p.metallic = self.scalar(shader, "metallic", 0.0, uses)?,
         }
         let opacity = self.scalar(shader, "opacity", 1.0, uses)?;
         let threshold = self.number(shader, "opacityThreshold", 0.0)?;
@@ -438,6 +454,24 @@ impl World<'_> {
             },
         })
     }
+}
+
+/// The brightest component that a colour has anywhere.
+fn brightest(color: &Color) -> f32 {
+    match color {
+        Color::Textured { factor, texture } => {
+            let image = &texture.image;
+            let pixels = (0..image.height).flat_map(|row| (0..image.width).map(move |column| image.texel(column, row)));
+            let largest = pixels.map(|texel| linear(texel, texture.codes).truncate() * *factor);
+            largest.map(Vec3::max_element).fold(0.0, f32::max)
+        }
+        other => other.constant_rgb().map_or(1.0, Vec3::max_element),
+    }
+}
+
+/// The index whose reflectance at normal incidence this is.
+fn index_of(f0: f32) -> f32 {
+    (1.0 + f0.sqrt()) / (1.0 - f0.sqrt())
 }
 
 fn constant(rgb: Vec3) -> Color {

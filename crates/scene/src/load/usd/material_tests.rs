@@ -170,7 +170,7 @@ fn collections_are_bound_to_materials() {
         "def Xform \"g\" {{ rel collection:c:includes = </g>\nrel material:binding:collection:z = [</g.collection:c>, </R>]\n\
         rel material:binding:collection:y = [</g.collection:c>, </G>] ( bindMaterialAs = \"strongerThanDescendants\" )\n\
         def Mesh \"m\" {{ {QUAD}rel material:binding = </B>\n\
-        def GeomSubset \"half\" {{ int[] indices = [0]\nrel material:binding = </B> }} }} }}\n{materials}"
+        def GeomSubset \"half\" {{ uniform token familyName = \"materialBind\"\nint[] indices = [0]\nrel material:binding = </B> }} }} }}\n{materials}"
     ));
     assert_eq!(color(material_of(&d, "m")), Vec3::Y);
 }
@@ -222,5 +222,70 @@ fn packages_are_looked_into_by_relative_paths() {
         let text = format!("#usda 1.0\ndef Mesh \"m\" {{ {QUAD}rel material:binding = </M> }}\n{}", picture(file));
         let d = load(text.into(), "t.usda", &fetch).unwrap();
         assert_eq!((d.missing_textures[0].name.as_str(), d.missing_textures[0].reason.as_str()), (file, reason));
+    }
+}
+
+#[test]
+fn a_material_for_the_final_picture_counts_before_a_nearer_one_for_all() {
+    let materials = [("R", "(1, 0, 0)"), ("G", "(0, 1, 0)")]
+        .map(|(name, rgb)| material(name, &format!("color3f inputs:diffuseColor = {rgb}"), ""))
+        .concat();
+    let of = |outer: &str, own: &str| {
+        let d = read(&format!("def Xform \"g\" {{ {outer}\ndef Mesh \"m\" {{ {QUAD}{own} }} }}\n{materials}"));
+        color(material_of(&d, "m"))
+    };
+    let bind = |purpose: &str, to: &str| format!("rel material:binding{purpose} = </{to}>");
+    assert_eq!(of(&bind(":full", "G"), &bind("", "R")), Vec3::Y);
+    assert_eq!(of(&bind("", "G"), &bind(":full", "R")), Vec3::X);
+    assert_eq!(of(&bind("", "G"), &bind("", "R")), Vec3::X);
+    assert_eq!(of(&bind(":preview", "G"), ""), Vec3::Y);
+}
+
+#[test]
+fn subsets_of_other_families_are_no_parts_of_materials() {
+    let materials = [("R", "(1, 0, 0)"), ("G", "(0, 1, 0)")]
+        .map(|(name, rgb)| material(name, &format!("color3f inputs:diffuseColor = {rgb}"), ""))
+        .concat();
+    for (family, parts) in
+        [("uniform token familyName = \"materialBind\"\n", 0), ("uniform token familyName = \"other\"\n", 1), ("", 1)]
+    {
+        let d = read(&format!(
+            "def Mesh \"m\" {{ {QUAD}rel material:binding = </R>\ndef GeomSubset \"s\" {{ {family}int[] indices = [0]\nrel material:binding = </G> }} }}\n{materials}"
+        ));
+        let red = d.objects.iter().filter(|o| color(&d.materials[o.material as usize]) == Vec3::X).count();
+        assert_eq!((red, d.objects.len()), (parts, 1), "{family}");
+    }
+}
+
+#[test]
+fn coordinates_of_three_numbers_lose_the_third() {
+    let shader = "def Shader \"T\" { token info:id = \"UsdUVTexture\"\nasset inputs:file = @a.png@ }";
+    let body = material("M", "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>", shader);
+    let uvs = "texCoord3f[] primvars:st = [(0, 0, 7), (1, 0, 7), (1, 1, 7), (0, 1, 7)] ( interpolation = \"vertex\" )\n";
+    let text = format!("#usda 1.0\n( metersPerUnit = 1 )\ndef Mesh \"m\" {{ {QUAD}{uvs}rel material:binding = </M> }}\n{body}");
+    let mut png = Vec::new();
+    image::RgbImage::new(1, 1).write_to(&mut std::io::Cursor::new(&mut png), image::ImageFormat::Png).unwrap();
+    let d = load(text.into(), "t.usda", &move |_| Ok(png.clone())).unwrap();
+    assert_eq!(d.meshes[0].uvs[0], [Vec2::new(0.0, 1.0), Vec2::ONE, Vec2::new(1.0, 0.0), Vec2::ZERO]);
+}
+
+#[test]
+fn specular_colours_of_metals_are_their_reflectance() {
+    let f0 = |inputs: &str| {
+        let d = read(&format!(
+            "def Mesh \"m\" {{ {QUAD}rel material:binding = </M> }}\n{}",
+            material("M", &format!("int inputs:useSpecularWorkflow = 1\n{inputs}"), "")
+        ));
+        let Scattering::Principled(p) = &material_of(&d, "m").scattering else { panic!("a principled surface") };
+        assert!(p.tinted);
+        p.specular_color.constant_rgb().unwrap() * ((p.ior - 1.0) / (p.ior + 1.0)).powi(2)
+    };
+    for (inputs, expected) in [
+        ("color3f inputs:specularColor = (0.5, 0.4, 0.3)", Vec3::new(0.5, 0.4, 0.3)),
+        ("color3f inputs:specularColor = (0.02, 0.04, 0.01)", Vec3::new(0.02, 0.04, 0.01)),
+        ("color3f inputs:specularColor = (0.1, 0.1, 0.1)\nfloat inputs:ior = 3", Vec3::splat(0.1)),
+        ("color3f inputs:specularColor = (1, 0.71, 0.29)", Vec3::new(1.0, 0.71, 0.29)),
+    ] {
+        assert!((f0(inputs) - expected).length() < 1e-3, "{inputs}: {}", f0(inputs));
     }
 }

@@ -115,6 +115,10 @@ pub fn primvar(
     default: &str,
 ) -> Result<Option<Option<Primvar>>, SceneError> {
     let Some(values) = stage.value(prim, name)?.and_then(|v| v.floats()) else { return Ok(Some(None)) };
+    // Coordinates may have a third number, which pictures do not ask for.
+    let kind = stage.property_field(prim, name, Key::TypeName)?;
+    let has_three = width == 2 && kind.as_ref().and_then(Value::text).is_some_and(|t| t.starts_with("texCoord3"));
+    let values = if has_three { values.as_chunks::<3>().0.iter().flat_map(|v| [v[0], v[1]]).collect() } else { values };
     let indices = stage.value(prim, &format!("{name}:indices"))?.and_then(|v| v.ints()).filter(|i| !i.is_empty());
     let there = values.len() / width;
     let count = indices.as_ref().map_or(there, |i| i.len());

@@ -78,6 +78,11 @@ impl<'a> Stage<'a> {
         self.layers[self.stacks[0].layers[0].0].get("/", key)
     }
 
+    /// Whether a field is anywhere in the layers.
+    pub fn uses(&self, key: Key) -> bool {
+        self.layers.iter().any(|layer| layer.uses(key))
+    }
+
     fn add_layer(&mut self, bytes: Arc<[u8]>, name: &str, folder: Folder, depth: usize) -> Read<usize> {
         if self.layers.len() >= MOST_LAYERS || depth > DEEPEST {
             return Err(error(name, format!("more than {MOST_LAYERS} files, or packages {DEEPEST} deep"), "fewer"));

@@ -149,8 +149,8 @@ fn parts_of_meshes_have_their_materials() {
         point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]\nint[] holeIndices = [2]\nuniform token orientation = \"leftHanded\"\n\
         uniform token subdivisionScheme = \"none\"\n\
         color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 1, 1)] ( interpolation = \"uniform\" )\n\
-        def GeomSubset \"s\" {{ uniform token elementType = \"face\"\nint[] indices = [1, 77, -3]\nrel material:binding = </M> }}\n\
-        def GeomSubset \"t\" {{ int[] indices = [3]\nrel material:binding = </N> }} }}",
+        def GeomSubset \"s\" {{ uniform token familyName = \"materialBind\"\nuniform token elementType = \"face\"\nint[] indices = [1, 77, -3]\nrel material:binding = </M> }}\n\
+        def GeomSubset \"t\" {{ uniform token familyName = \"materialBind\"\nint[] indices = [3]\nrel material:binding = </N> }} }}",
         material("M", 1.0),
         material("N", 0.5),
     ));
@@ -240,7 +240,7 @@ fn meshes_are_subdivision_surfaces_unless_they_say_otherwise() {
         def Shader \"R\" {{ token info:id = \"UsdPrimvarReader_float2\"\nstring inputs:varname = \"st\" }} }}",
         cube(&format!(
             "texCoord2f[] primvars:st = [{}] ( interpolation = \"faceVarying\" )\n\
-            def GeomSubset \"s\" {{ int[] indices = [1, 5]\nrel material:binding = </M> }}",
+            def GeomSubset \"s\" {{ uniform token familyName = \"materialBind\"\nint[] indices = [1, 5]\nrel material:binding = </M> }}",
             square.trim_end_matches(", ")
         ))
     );
@@ -668,4 +668,40 @@ fn meshes_can_be_lights() {
     close(mesh("rel material:binding = </M>"), 3.0, false);
     close(mesh("rel material:binding = </M>\nuniform token light:materialSyncMode = \"independent\""), 6.0, false);
     close(mesh("rel material:binding = </M>\nuniform token light:materialSyncMode = \"noMaterialResponse\""), 6.0, true);
+}
+
+#[test]
+fn what_stays_as_it_is_at_the_first_time_is_told() {
+    let light = "def SphereLight \"l\" { float inputs:intensity.timeSamples = { 0: 1, 24: 5 } }\n";
+    for (what, told) in [
+        ("def Sphere \"s\" { double radius.timeSamples = { 0: 1, 24: 2 } }", "sizes of solids that change (1)"),
+        (light, "lights that change by themselves (1)"),
+        (
+            "def Xform \"x\" { double xformOp:translateX.spline = { 0: 0; post linear, 24: 10 }\nuniform token[] xformOpOrder = [\"xformOp:translateX\"] }",
+            "motion by splines (1)",
+        ),
+        ("def Mesh \"v\" { vector3f[] velocities = [(1, 0, 0)] }", "velocities of points (1)"),
+        (
+            "def DomeLight \"d\" { asset inputs:texture:file = @a.exr@\ntoken inputs:texture:format = \"angular\" }",
+            "formats of dome pictures",
+        ),
+        ("def SphereLight \"k\" { rel light:filters = </a> }", "filters of lights (1)"),
+    ] {
+        let d = read(&format!("def Mesh \"q\" {{ {QUAD} }}\n{what}"));
+        assert!(d.warnings.iter().any(|w| w.contains(told)), "{told}: {:?}", d.warnings);
+    }
+    let text = format!("#usda 1.0\n( metersPerUnit = 1\n relocates = {{ </A/b> : </A/c> }} )\ndef Mesh \"q\" {{ {QUAD} }}");
+    let d = load(text.into(), "t.usda", &|_| Err("no files here".to_owned())).unwrap();
+    assert!(d.warnings.iter().any(|w| w.contains("relocates (1)")), "{:?}", d.warnings);
+}
+
+#[test]
+fn a_block_among_samples_holds_what_was_before() {
+    let d = read(&format!(
+        "def Xform \"x\" {{ double3 xformOp:translate.timeSamples = {{ 0: (0, 0, 0), 12: None, 24: (0, 8, 0) }}\n\
+        uniform token[] xformOpOrder = [\"xformOp:translate\"]\ndef Mesh \"q\" {{ {QUAD} }} }}"
+    ));
+    let channel = d.animations[0].channels.iter().find(|c| c.property == crate::motion::AnimatedProperty::Translation).unwrap();
+    assert_eq!(channel.values.iter().skip(1).step_by(3).copied().collect::<Vec<f32>>(), [0.0, 0.0, 0.0, 8.0]);
+    assert!((channel.times_s[2] - 1.0).abs() < 1e-3, "{:?}", channel.times_s);
 }

@@ -233,8 +233,15 @@ impl Parser<'_> {
                     self.set(&path, Key::TypeName, Value::Text(kind.into()));
                     self.set(&path, Key::TimeSamples, samples);
                 }
-                "spline" => self.balanced()?,
+                "spline" => {
+                    self.balanced()?;
+                    self.set(&path, Key::Spline, Value::Other);
+                }
                 _ => {
+                    // What tells coordinates of three numbers from those of two.
+                    if kind.starts_with("texCoord3") {
+                        self.set(&path, Key::TypeName, Value::Text(kind.into()));
+                    }
                     let value = self.value(kind, is_array)?;
                     self.set(&path, Key::Default, value);
                 }
@@ -396,6 +403,10 @@ impl Parser<'_> {
                     self.set(path, Key::VariantSelection, Value::Selections(chosen.into()));
                 }
                 "subLayers" => self.sub_layers()?,
+                "relocates" => {
+                    self.balanced()?;
+                    self.set(path, Key::Relocates, Value::Other);
+                }
                 _ => match Key::named(word) {
                     Some(
                         key @ (Key::Active

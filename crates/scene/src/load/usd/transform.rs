@@ -8,6 +8,10 @@ use std::sync::Arc;
 
 /// Largest turn between two keys, degrees: turns are followed on the great circle between them.
 const LARGEST_STEP_DEG: f64 = 60.0;
+/// Largest part of the way from one key to the next, and largest angle (rad) and part of the scale, by which shift, turn and scale that are interpolated apart may leave where the operations lead.
+const MOST_STRAYING: f64 = 1e-3;
+/// Times that an interval between two keys is halved for that.
+const MOST_HALVINGS: u32 = 6;
 /// Most keys between two samples, and of one prim.
 const MOST_BETWEEN: usize = 64;
 const MOST_KEYS: usize = 1 << 20;
@@ -31,11 +35,13 @@ pub struct Xform {
     pub keys: Option<Vec<(f64, Parts)>>,
     /// Whether a key has a shear that is left out.
     pub sheared: bool,
+    /// Whether it has no place at a key: numbers beyond those of single precision.
+    pub vanishes: bool,
 }
 
 /// The place of a prim in its parent. Fails where a value is damaged in its file.
 pub fn of(stage: &Stage, prim: &Prim) -> Result<Xform, SceneError> {
-    let mut xform = Xform { rest: DMat4::IDENTITY, resets: false, keys: None, sheared: false };
+    let mut xform = Xform { rest: DMat4::IDENTITY, resets: false, keys: None, sheared: false, vanishes: false };
     let order = match stage.value(prim, "xformOpOrder")? {
         Some(super::layer::Value::Texts(order)) => order,
         _ => return Ok(xform),
@@ -68,6 +74,7 @@ pub fn of(stage: &Stage, prim: &Prim) -> Result<Xform, SceneError> {
             let place = all_at(&operations, Some(t));
             let (parts, sheared) = parts(place);
             xform.sheared |= sheared;
+            xform.vanishes |= !place.as_mat4().is_finite();
             keys.push((t, parts));
         }
         xform.keys = Some(keys);
@@ -96,15 +103,56 @@ fn key_times(operations: &[Operation]) -> Vec<f64> {
         }
     }
     all.extend(times.last());
+    // Matrices are not interpolated number by number, which would make things smaller on their way.
+    let is_of_matrices = operations.iter().any(|o| o.kind == "transform" && o.samples.is_some());
+    if is_of_matrices { all } else { refined(operations, &all) }
+}
+
+/// Keys between which what is interpolated apart follows the operations: a turn about a pivot, or before a shift, goes around an arc.
+fn refined(operations: &[Operation], times: &[f64]) -> Vec<f64> {
+    let at = |t: f64| parts(all_at(operations, Some(t))).0;
+    let mut all = Vec::with_capacity(times.len());
+    for pair in times.windows(2) {
+        let [begins, quarter, middle, ends] = [0.0, 0.25, 0.5, 1.0].map(|f| at(pair[0] + (pair[1] - pair[0]) * f).translation);
+        let moved = [quarter, middle, ends].iter().map(|p| p.distance(begins)).fold(0.0, f32::max);
+        // Intervals to look at, the first on top.
+        let mut open = vec![([pair[0], pair[1]], 0)];
+        while let Some(([from, to], halved)) = open.pop() {
+            if halved < MOST_HALVINGS && all.len() < MOST_KEYS && strays(at, [from, to], moved) {
+                let middle = 0.5 * (from + to);
+                open.extend([([middle, to], halved + 1), ([from, middle], halved + 1)]);
+            } else {
+                all.push(from);
+            }
+        }
+    }
+    all.extend(times.last());
     all
+}
+
+/// Whether places within an interval are elsewhere than what lies between those at its ends; `moved`: the way from key to key.
+fn strays(at: impl Fn(f64) -> Parts, [from, to]: [f64; 2], moved: f32) -> bool {
+    let [a, b] = [from, to].map(&at);
+    let mut off = 0.0f32;
+    for fraction in [0.25, 0.5, 0.75] {
+        let exact = at(from + (to - from) * fraction);
+        let f = fraction as f32;
+        off = off.max(exact.translation.distance(a.translation.lerp(b.translation, f)));
+        let turned = exact.rotation.angle_between(a.rotation.slerp(b.rotation, f));
+        let scaled = (exact.scale - a.scale.lerp(b.scale, f)).abs().max_element();
+        if f64::from(turned) > MOST_STRAYING || f64::from(scaled) > MOST_STRAYING * f64::from(exact.scale.abs().max_element()) {
+            return true;
+        }
+    }
+    f64::from(off) > MOST_STRAYING * f64::from(moved)
 }
 
 /// Scale, turn and shift of a place, and whether that leaves a shear out.
 fn parts(place: DMat4) -> (Parts, bool) {
-    let whole = place.is_finite() && place.determinant().abs() > 1e-30;
+    let whole = place.as_mat4().is_finite() && place.determinant().abs() > 1e-30;
     if !whole {
         let at = place.w_axis.truncate();
-        let translation = if at.is_finite() { at.as_vec3() } else { glam::Vec3::ZERO };
+        let translation = if at.as_vec3().is_finite() { at.as_vec3() } else { glam::Vec3::ZERO };
         return (Parts { translation, scale: glam::Vec3::ZERO, ..Parts::IDENTITY }, false);
     }
     let (scale, rotation, translation) = place.to_scale_rotation_translation();
@@ -120,7 +168,7 @@ fn all_at(operations: &[Operation], time: Option<f64>) -> DMat4 {
 }
 
 impl Operation {
-    /// Its numbers at a time: linear between samples, of quaternions on the shorter way.
+    /// Its numbers at a time: linear between samples, of quaternions on the great circle between them, the shorter way.
     fn at(&self, time: Option<f64>) -> Arc<[f64]> {
         let (Some(samples), Some(time)) = (&self.samples, time) else { return self.value.clone() };
         let next = samples.partition_point(|s| s.0 < time);
@@ -128,9 +176,14 @@ impl Operation {
             return samples[next.min(samples.len() - 1)].1.clone();
         };
         let t = (time - a.0) / (b.0 - a.0);
-        let dot: f64 = a.1.iter().zip(b.1.iter()).map(|(a, b)| a * b).sum();
-        let sign = if self.kind == "orient" && dot < 0.0 { -1.0 } else { 1.0 };
-        a.1.iter().zip(b.1.iter()).map(|(a, b)| a + (sign * b - a) * t).collect()
+        let quaternion = |v: &[f64]| Some(*v.first_chunk::<4>()?).map(|[w, x, y, z]| DQuat::from_xyzw(x, y, z, w)).and_then(unit);
+        if self.kind == "orient"
+            && let (Some(a), Some(b)) = (quaternion(&a.1), quaternion(&b.1))
+        {
+            let q = a.slerp(b, t);
+            return [q.w, q.x, q.y, q.z].into();
+        }
+        a.1.iter().zip(b.1.iter()).map(|(a, b)| a + (b - a) * t).collect()
     }
 
     fn matrix(&self, time: Option<f64>) -> DMat4 {
@@ -201,6 +254,44 @@ mod tests {
     }
 
     #[test]
+    fn turns_about_a_pivot_and_before_a_shift_go_around() {
+        let op = |kind: &str, samples: &[(f64, &[f64])]| Operation {
+            kind: kind.into(),
+            inverted: false,
+            value: Arc::from(samples[0].1),
+            samples: (samples.len() > 1).then(|| samples.iter().map(|(t, v)| (*t, Arc::from(*v))).collect()),
+        };
+        let quarter = 0.5f64.sqrt();
+        let cases: [[Operation; 2]; 3] = [
+            [op("rotateY", &[(0.0, &[0.0]), (10.0, &[360.0])]), op("translate", &[(0.0, &[0.0, 0.0, 8.0])])],
+            [
+                op("orient", &[(0.0, &[1.0, 0.0, 0.0, 0.0]), (10.0, &[0.0, 0.0, 1.0, 0.0])]),
+                op("translate", &[(0.0, &[0.0, 0.0, 8.0])]),
+            ],
+            [
+                op("orient", &[(0.0, &[1.0, 0.0, 0.0, 0.0]), (10.0, &[quarter, 0.0, quarter, 0.0])]),
+                op("translate", &[(0.0, &[0.0, 0.0, 1.0]), (10.0, &[0.0, 0.0, 9.0])]),
+            ],
+        ];
+        for operations in &cases {
+            let times = key_times(operations);
+            for pair in times.windows(2) {
+                let [a, b] = [pair[0], pair[1]].map(|t| parts(all_at(operations, Some(t))).0.translation);
+                for k in 1..8 {
+                    let f = f64::from(k) / 8.0;
+                    let exact = all_at(operations, Some(pair[0] + (pair[1] - pair[0]) * f)).w_axis.truncate().as_vec3();
+                    assert!(exact.distance(a.lerp(b, f as f32)) < 0.017, "{f} of {pair:?}: {exact} {} keys", times.len());
+                }
+            }
+            assert!(times.len() < 100, "{}", times.len());
+        }
+        // What turns alone needs no more than its arcs, what shifts none.
+        assert_eq!(key_times(&[op("translate", &[(0.0, &[0.0; 3]), (10.0, &[1.0, 2.0, 3.0])])]).len(), 2);
+        let wild = op("translate", &[(0.0, &[0.0; 3]), (10.0, &[1e39, 0.0, 0.0])]);
+        assert!(parts(all_at(&[wild], Some(9.0))).0.translation.is_finite());
+    }
+
+    #[test]
     fn large_turns_get_keys_between() {
         let samples = vec![(0.0, Arc::from([0.0])), (10.0, Arc::from([360.0]))];
         let turn = Operation { kind: "rotateZ".into(), inverted: false, value: Arc::from([0.0]), samples: Some(samples) };
@@ -208,6 +299,6 @@ mod tests {
         assert_eq!(times.len(), 7);
         let samples = vec![(0.0, Arc::from([0.0])), (1.0, Arc::from([1e300]))];
         let wild = Operation { kind: "rotateZ".into(), inverted: false, value: Arc::from([0.0]), samples: Some(samples) };
-        assert!(key_times(&[wild]).len() <= MOST_BETWEEN + 1);
+        assert!(key_times(&[wild]).len() <= (MOST_BETWEEN << MOST_HALVINGS) + 1);
     }
 }

@@ -26,6 +26,26 @@ enum Other {
     Curves(Box<Curves>, u32),
 }
 
+/// Attributes of solids that are read as they are at the scene's first time.
+const SIZES: [&str; 8] = ["radius", "size", "height", "width", "length", "radiusTop", "radiusBottom", "axis"];
+/// The same of lights.
+const LIGHT_INPUTS: [&str; 14] = [
+    "inputs:intensity",
+    "inputs:exposure",
+    "inputs:color",
+    "inputs:colorTemperature",
+    "inputs:radius",
+    "inputs:width",
+    "inputs:height",
+    "inputs:length",
+    "inputs:angle",
+    "inputs:shaping:cone:angle",
+    "inputs:texture:file",
+    "intensity",
+    "exposure",
+    "color",
+];
+
 impl World<'_> {
     /// Reads the whole stage. Fails at the first prim that cannot be read.
     pub fn run(mut self) -> Read<Description> {
@@ -51,6 +71,11 @@ impl World<'_> {
         }
         self.build()?;
         camera::conform(&mut self);
+        for (key, what) in [(Key::Relocates, "relocates"), (Key::Spline, "motion by splines")] {
+            if self.stage.uses(key) {
+                self.skip_unsupported(what);
+            }
+        }
         let missing = &self.stage.missing;
         if !missing.is_empty() {
             let text = format!("{}: files that could not be read{SHOWN_WITHOUT}: {}", self.name, missing.join(", "));
@@ -121,6 +146,14 @@ impl World<'_> {
             self.skip_unsupported("skins of what is no mesh");
         }
         self.hand_down(prim, &mut place)?;
+        if matches!(&*kind, "Mesh" | "PointInstancer" | "BasisCurves") {
+            self.holds_still(prim, &["primvars:displayColor", "primvars:displayOpacity"], "colours that change")?;
+            let has_velocities =
+                self.stage.value(prim, "velocities")?.and_then(|v| v.floats()).is_some_and(|v| v.iter().any(|v| *v != 0.0));
+            if has_velocities {
+                self.skip_unsupported("velocities of points");
+            }
+        }
         match &*kind {
             "Camera" => camera::add(self, prim, &place)?,
             _ if place.invisible => (),
@@ -131,13 +164,16 @@ impl World<'_> {
             "Mesh" => self.mesh(prim, &place)?,
             "BasisCurves" => self.curves(prim, &place)?,
             "Sphere" | "Cube" | "Cylinder" | "Cone" | "Capsule" | "Plane" | "Cylinder_1" | "Capsule_1" => {
+                self.holds_still(prim, &SIZES, "sizes of solids that change")?;
                 self.solid(&kind, prim, &place)?
             }
             "PointInstancer" => {
+                self.holds_still(prim, &["invisibleIds"], "instances that appear and vanish")?;
                 self.instances(prim, &place)?;
                 return Ok(None);
             }
             "DistantLight" | "SphereLight" | "RectLight" | "DiskLight" | "CylinderLight" | "DomeLight" | "DomeLight_1" => {
+                self.holds_still(prim, &LIGHT_INPUTS, "lights that change by themselves")?;
                 light::add(self, &kind, prim, &place)?;
             }
             "GeometryLight" | "PortalLight" | "PluginLight" => self.skip_unsupported("lights of other kinds"),
@@ -149,6 +185,17 @@ impl World<'_> {
             _ => (),
         }
         Ok(Some(place))
+    }
+
+    /// Says of attributes that change over time that they do not here.
+    fn holds_still(&mut self, prim: &Prim, names: &[&str], what: &'static str) -> Read<()> {
+        for name in names {
+            if self.stage.is_animated(prim, name)? {
+                self.skip_unsupported(what);
+                break;
+            }
+        }
+        Ok(())
     }
 
     /// Whether a prim is a camera, or one is below it. What cannot be read holds none.
@@ -238,6 +285,9 @@ impl World<'_> {
                 if xform.sheared {
                     self.skip_unsupported("shear of what moves");
                 }
+                if xform.vanishes {
+                    self.skip_unsupported("moments at which what moves has no place");
+                }
                 let parent = self.node_at(&place, prim.name());
                 let number = self.description.nodes.len();
                 let (scale, rotation, translation) = xform.rest.to_scale_rotation_translation();
@@ -324,6 +374,11 @@ impl World<'_> {
         parts.push(Part::new(None, &self.shining(whole, light.as_ref())));
         for child in self.stage.children(prim)? {
             if &*self.stage.type_name(&child)? != "GeomSubset" || !self.stage.is_drawn(&child)? {
+                continue;
+            }
+            // Sets of other families are for other ends. Source: OpenUSD, `UsdShadeMaterialBindingAPI::GetMaterialBindSubsets`.
+            let family = self.stage.value(&child, "familyName")?;
+            if family.as_ref().and_then(Value::text).is_none_or(|f| &**f != "materialBind") {
                 continue;
             }
             let kind = self.stage.value(&child, "elementType")?;

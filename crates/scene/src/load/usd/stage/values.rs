@@ -12,6 +12,9 @@ pub type TimeSample = (f64, Arc<[f64]>);
 /// Stack, path and time shift of each opinion.
 pub type Fingerprint = Vec<(usize, String, [u64; 2])>;
 
+/// A value that is held ends this part of the time before the next one: keys have no steps.
+const HELD_UNTIL: f64 = 1e-4;
+
 /// A value and the layer that says it.
 pub struct Found {
     pub value: Value,
@@ -167,10 +170,20 @@ impl Stage<'_> {
     /// Times in the scene's time codes, rising, and the numbers then; `None` of what does not change.
     pub fn samples(&self, found: &Found) -> Read<Option<Vec<TimeSample>>> {
         let Value::Samples(list) = &found.value else { return Ok(None) };
-        let mut all = Vec::with_capacity(list.len());
+        let mut all: Vec<TimeSample> = Vec::with_capacity(list.len());
+        // From a block on there is no value until the next sample: the one before it stays.
+        let mut blocked_at = None;
         for (time, field) in list.iter() {
-            if let Some(numbers) = self.layers[found.layer].read(field)?.doubles() {
-                all.push((found.shift.offset + found.shift.scale * time, numbers));
+            let time = found.shift.offset + found.shift.scale * time;
+            let value = self.layers[found.layer].read(field)?;
+            if let (Value::Blocked, Some((_, last))) = (&value, all.last().cloned()) {
+                blocked_at = blocked_at.or(Some(time));
+                all.push((time, last));
+            } else if let Some(numbers) = value.doubles() {
+                if let (Some(begun), Some((_, last))) = (blocked_at.take(), all.last().cloned()) {
+                    all.push((time - HELD_UNTIL * (time - begun), last));
+                }
+                all.push((time, numbers));
             }
         }
         all.sort_by(|a, b| a.0.total_cmp(&b.0));
