@@ -2,8 +2,8 @@
 //!
 //! - Saturation: 78 / H_sat, H_sat the exposure (lx·s) at which the most sensitive channel reaches the white level.
 //! - Standard output sensitivity: 10 / H_sos, H_sos what gives the output code 118 of 255.
-//! - Noise, S/N 40 and 10: 10 / H, H what gives that ratio of the luminance to the visual noise of the linear picture,
-//!   σ² = σ²(Y) + 0.279 σ²(R−Y) + 0.088 σ²(B−Y).
+//! - Noise, S/N 40 and 10: 10 / H, H what gives that ratio, by the incremental gain, of the luminance to the visual noise of the linear picture (demosaiced
+//!   by bilinear interpolation): H · dY/dH / σ, σ² = σ²(Y) + 0.279 σ²(R−Y) + 0.088 σ²(B−Y), where no pixels clip, whose noise falls.
 
 use crate::shot::error::ShotError;
 use diopter_develop::{Demosaic, Recipe, develop};
@@ -17,6 +17,9 @@ const SIDE: usize = 192;
 
 /// Exposure time of them, s: short enough that nothing leaks.
 const EXPOSURE_S: f64 = 0.01;
+
+/// Fraction of full pixels that leaves noise what it is.
+const MOST_CLIPPED: f64 = 0.001;
 
 /// The speeds of a setting.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,8 +68,15 @@ impl Field<'_> {
         Ok(mean / (h.white_level - h.black_level))
     }
 
-    /// Luminance over visual noise of the linear picture.
-    fn signal_to_noise(&self, lux_seconds: f64) -> Result<f64, ShotError> {
+    /// Fraction of the pixels that are full.
+    fn clipped(&self, lux_seconds: f64) -> Result<f64, ShotError> {
+        let raw = self.picture(lux_seconds)?;
+        let full = raw.mosaic.data.iter().filter(|dn| f64::from(**dn) >= raw.header.white_level).count();
+        Ok(full as f64 / raw.mosaic.data.len() as f64)
+    }
+
+    /// Luminance and visual noise of the linear picture.
+    fn luminance_and_noise(&self, lux_seconds: f64) -> Result<[f64; 2], ShotError> {
         let mut recipe = Recipe::preset("plain")?;
         recipe.demosaic.method = Demosaic::Bilinear;
         let picture = develop(&self.picture(lux_seconds)?, &recipe, None)?;
@@ -85,7 +95,14 @@ impl Field<'_> {
         }
         let variance = |k: usize| squares[k] / n - (sums[k] / n).powi(2);
         let noise = (variance(0) + 0.279 * variance(1) + 0.088 * variance(2)).max(1e-30).sqrt();
-        Ok(sums[0] / n / noise)
+        Ok([sums[0] / n, noise])
+    }
+
+    /// Luminance by the incremental gain, over visual noise.
+    fn signal_to_noise(&self, lux_seconds: f64) -> Result<f64, ShotError> {
+        let luminance = |h: f64| Ok::<f64, ShotError>(self.luminance_and_noise(h)?[0]);
+        let by_gain = (luminance(lux_seconds * 1.02)? - luminance(lux_seconds * 0.98)?) / 0.04;
+        Ok(by_gain / self.luminance_and_noise(lux_seconds)?[1])
     }
 
     /// Mean code (0 to 255) of green, developed by default.
@@ -134,7 +151,12 @@ pub fn measure(sensor: &Sensor, iso: f64) -> Result<Speeds, ShotError> {
     let saturation = guess * 0.1 / tenth;
     let range = [saturation * 1e-6, saturation * 0.99];
     let speed = |h: Option<f64>| h.map(|h| 10.0 / h);
-    let noise = |ratio: f64| reaches(ratio, range, |h| field.signal_to_noise(h));
+    // Below where pixels clip, whose noise falls.
+    let mut unclipped = saturation;
+    while field.clipped(unclipped)? > MOST_CLIPPED {
+        unclipped *= 0.95;
+    }
+    let noise = |ratio: f64| reaches(ratio, [range[0], unclipped], |h| field.signal_to_noise(h));
     Ok(Speeds {
         nominal: iso,
         saturation: 78.0 / saturation,
@@ -157,7 +179,21 @@ mod tests {
             let iso = sensor.iso[0].iso;
             let s = measure(&sensor, iso).unwrap();
             assert!((s.saturation / iso - 1.0).abs() < 0.04, "{name}: {s:?}");
-            assert!(s.noise_10.unwrap() > s.noise_40.unwrap_or(0.0), "{name}: {s:?}");
+            assert!(s.noise_10.is_some_and(|ten| ten > s.noise_40.unwrap_or(0.0)), "{name}: {s:?}");
+        }
+    }
+
+    #[test]
+    fn no_noise_speed_asks_for_more_than_a_full_well_gives() {
+        // Shot noise of a full well alone: no ratio is larger than the root of its electrons, by which a channel counts at most, and two greens and neighbours make it somewhat better.
+        for name in ["canon-t2i", "pixel-4a", "imx249"] {
+            let sensor = Sensor::named(name).unwrap();
+            for step in &sensor.iso {
+                let (speeds, full) = (measure(&sensor, step.iso).unwrap(), sensor.saturation_e(step).sqrt());
+                assert!(speeds.noise_40.is_none() || full > 25.0, "{name} {} {full}: {speeds:?}", step.iso);
+                assert!(speeds.noise_10.is_none() || full > 6.0, "{name} {} {full}: {speeds:?}", step.iso);
+                assert!(speeds.noise_40.is_none_or(|s| s > 0.98 * speeds.saturation / 78.0 * 10.0), "{name} {}", step.iso);
+            }
         }
     }
 

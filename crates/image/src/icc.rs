@@ -78,9 +78,66 @@ pub fn profile(space: RgbSpace, encoding: Encoding) -> Result<Vec<u8>, ImageErro
     Ok(bytes)
 }
 
+/// Largest difference of a profile's curve from that of an encoding, in light of white, for it to be that encoding: those of "sRGB" profiles with tables of few points differ by less.
+const SAME_CURVE: f32 = 0.01;
+
+/// The encoding of the codes of a picture with a profile, by the curve of its green (or grey); `None` of curves that are none of ours, and of profiles that cannot be read.
+pub fn encoding_of(profile: &[u8]) -> Option<Encoding> {
+    let read = ColorProfile::new_from_slice(profile).ok()?;
+    let curve = read.green_trc.or(read.gray_trc)?;
+    let light = |code: f32| -> Option<f32> {
+        Some(match &curve {
+            // Types 0, 3 and 4 of ICC.1 §10.18 as sRGB and powers have them.
+            ToneReprCurve::Parametric(p) => match p[..] {
+                [g] => code.powf(g),
+                [_, _, _, c, d, ..] if code < d => c * code + p.get(6).copied().unwrap_or(0.0),
+                [g, a, b, _, _, ..] => (a * code + b).powf(g) + p.get(5).copied().unwrap_or(0.0),
+                _ => return None,
+            },
+            ToneReprCurve::Lut(points) => match points[..] {
+                [] => code,
+                // A number of 8.8 bits.
+                [gamma] => code.powf(f32::from(gamma) / 256.0),
+                _ => {
+                    let at = code * (points.len() - 1) as f32;
+                    let first = (at as usize).min(points.len() - 2);
+                    let [a, b] = [points[first], points[first + 1]].map(f32::from);
+                    (a + (b - a) * (at - first as f32)) / 65_535.0
+                }
+            },
+        })
+    };
+    let differs = |encoding: &Encoding| {
+        let white = encoding.decode(1.0);
+        let ours = |code: f32| if *encoding == Encoding::Hlg { hlg_decode(code) } else { encoding.decode(code) / white };
+        (1..20).try_fold(0.0f32, |most, k| {
+            let code = k as f32 / 20.0;
+            Some(most.max((light(code)? - ours(code)).abs()))
+        })
+    };
+    let all = Encoding::ALL.into_iter().filter_map(|encoding| Some((encoding, differs(&encoding)?)));
+    all.filter(|(_, d)| *d < SAME_CURVE).min_by(|a, b| a.1.total_cmp(&b.1)).map(|(encoding, _)| encoding)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_encoding_is_read_back() {
+        for space in [RgbSpace::Srgb, RgbSpace::Rec2020] {
+            for encoding in Encoding::ALL {
+                assert_eq!(encoding_of(&profile(space, encoding).unwrap()), Some(encoding), "{encoding:?}");
+            }
+        }
+        assert_eq!(encoding_of(b"no profile"), None);
+        // Of others: a power of 2.2 as Adobe RGB has it, 563/256.
+        let mut p = ColorProfile::new_srgb();
+        let curve = ToneReprCurve::Lut(vec![563]);
+        (p.red_trc, p.green_trc, p.blue_trc) = (Some(curve.clone()), Some(curve.clone()), Some(curve));
+        p.cicp = None;
+        assert_eq!(encoding_of(&p.encode().unwrap()), Some(Encoding::Gamma22));
+    }
     use diopter_light::color::D65_XY;
 
     #[test]

@@ -11,6 +11,9 @@ use crate::{Sensor, SensorError};
 use diopter_image::Raster;
 use serde::Serialize;
 
+/// Least temporal variance that numbers tell, DN²: below, rounding hides the noise. Source: EMVA 1288, release 4.0, 8.1 (the absolute sensitivity threshold).
+const LEAST_VARIANCE_DN2: f64 = 0.24;
+
 /// What is measured, and how thoroughly.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Conditions {
@@ -306,7 +309,8 @@ pub fn measure(
     let dark_noise = (iso.read_noise_e.powi(2) + iso.row_noise_e.powi(2) + dark_rate * c.exposure_s).sqrt();
     let capacity = saturation_capacity(sensor.saturation_e(&iso), dark_noise);
     let rounding = (iso.gain_e_per_dn * iso.digital_gain).powi(2) / 12.0;
-    let threshold = ((dark_noise.powi(2) + rounding).sqrt() + 0.5) / seen;
+    let told_dn2 = ((dark_noise.powi(2) + rounding) / iso.gain_e_per_dn.powi(2)).max(LEAST_VARIANCE_DN2);
+    let threshold = (told_dn2.sqrt() * iso.gain_e_per_dn + 0.5) / seen;
     // Hot pixels leak unevenly: an exponential deviates by its mean, twice that squared in all.
     let hot =
         sensor.hot_pixels.fraction * 2.0 * (sensor.hot_pixels.factor * sensor.dark_current.at(celsius) * c.exposure_s).powi(2);
@@ -361,7 +365,7 @@ pub fn measure(
     let linear = || points[..=saturated].iter().filter(|p| p.signal_dn <= limit);
     let gain = slope(linear().map(|p| (p.signal_dn, p.variance_dn2)));
     let responsivity = slope(linear().map(|p| (p.photons, p.signal_dn)));
-    let dark_dn2 = dark_variance.max(0.24);
+    let dark_dn2 = dark_variance.max(LEAST_VARIANCE_DN2);
     let quantum_efficiency = responsivity / gain;
     let saturation = quantum_efficiency * points[saturated].photons;
     let threshold_photons = (dark_dn2.sqrt() / gain + 0.5) / quantum_efficiency;

@@ -60,8 +60,8 @@ pub enum MeasureVerb {
         /// What lights the chart: D65, D50, A, FL2 ...
         #[arg(long, value_name = "NAME", default_value = "D65")]
         light: String,
-        /// Transfer function of the picture's codes; an .exr is linear.
-        #[arg(long, value_name = "NAME", default_value = "srgb")]
+        /// Transfer function of the picture's codes: auto is that of its colour profile, sRGB without one; an .exr is linear.
+        #[arg(long, value_name = "NAME", default_value = "auto")]
         encoding: PictureEncoding,
         /// Plot to write: .svg or .png; may be given several times.
         #[arg(short, long, value_name = "FILE")]
@@ -136,8 +136,8 @@ pub struct MeasureMtf {
     /// At constant speed while the shutter is open, as on a rail, or a camera that turns. Shot files say it themselves: this wins over what they say.
     #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true)]
     pub motion: Option<[f64; 2]>,
-    /// Transfer function of the codes of a .png, .tif or .jpg.
-    #[arg(long, value_name = "NAME", default_value = "srgb")]
+    /// Transfer function of the codes of a .png, .tif or .jpg: auto is that of its colour profile, sRGB without one.
+    #[arg(long, value_name = "NAME", default_value = "auto")]
     pub encoding: PictureEncoding,
     /// Plot to write: .svg or .png; may be given several times.
     #[arg(short, long, value_name = "FILE")]
@@ -213,8 +213,8 @@ pub struct MeasureOecf {
     /// What is measured; all channels of raw files, luminance of others, without.
     #[arg(long, value_name = "NAME")]
     pub channel: Option<MeasuredChannel>,
-    /// Transfer function of the codes of a .png, .tif or .jpg; linear shows the codes themselves.
-    #[arg(long, value_name = "NAME", default_value = "srgb")]
+    /// Transfer function of the codes of a .png, .tif or .jpg: auto is that of its colour profile, sRGB without one; linear shows the codes themselves.
+    #[arg(long, value_name = "NAME", default_value = "auto")]
     pub encoding: PictureEncoding,
     /// Plot to write: .svg or .png; may be given several times.
     #[arg(short, long, value_name = "FILE")]
@@ -232,8 +232,8 @@ pub struct MeasureGlare {
     /// What is measured; of raw files green, of others luminance, without.
     #[arg(long, value_name = "NAME", requires = "file")]
     pub channel: Option<MeasuredChannel>,
-    /// Transfer function of the codes of a .png, .tif or .jpg.
-    #[arg(long, value_name = "NAME", default_value = "srgb")]
+    /// Transfer function of the codes of a .png, .tif or .jpg: auto is that of its colour profile, sRGB without one.
+    #[arg(long, value_name = "NAME", default_value = "auto")]
     pub encoding: PictureEncoding,
     /// The index of this lens, and its glare spread function: a name from `lens list`, or a file.
     #[arg(long, value_name = "NAME|FILE")]
@@ -263,8 +263,8 @@ pub struct MeasureChart {
     /// What is measured; of raw files green, of others luminance, without.
     #[arg(long, value_name = "NAME")]
     pub channel: Option<MeasuredChannel>,
-    /// Transfer function of the codes of a .png, .tif or .jpg.
-    #[arg(long, value_name = "NAME", default_value = "srgb")]
+    /// Transfer function of the codes of a .png, .tif or .jpg: auto is that of its colour profile, sRGB without one.
+    #[arg(long, value_name = "NAME", default_value = "auto")]
     pub encoding: PictureEncoding,
     /// Plot to write: .svg or .png; may be given several times.
     #[arg(short, long, value_name = "FILE")]
@@ -299,9 +299,14 @@ pub enum LsfWindow {
 /// Transfer functions of pictures.
 #[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PictureEncoding {
+    Auto,
     Srgb,
+    #[value(name = "gamma-1.8")]
+    Gamma18,
     #[value(name = "gamma-2.2")]
     Gamma22,
+    #[value(name = "gamma-2.4")]
+    Gamma24,
     Linear,
     Pq,
     Hlg,

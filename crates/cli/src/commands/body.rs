@@ -382,7 +382,7 @@ fn speeds(body: &str, asked: Option<&List>, json: bool) -> anyhow::Result<()> {
         return print_json(&serde_json::json!({ "body": s.name, "speeds": rows }));
     }
     let mut t = String::new();
-    writeln!(t, "{}   (ISO 12232:2019, D55; output: the default development)", s.name)?;
+    writeln!(t, "{}   (ISO 12232:2019, D55; output: the default development; S/N: linear, bilinear demosaicing)", s.name)?;
     writeln!(t, "  {:>8} {:>11} {:>11} {:>11} {:>11}", "setting", "saturation", "output SOS", "S/N 40", "S/N 10")?;
     let number = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.0}"));
     for v in all {

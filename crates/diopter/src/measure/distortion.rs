@@ -8,7 +8,7 @@
 //!
 //! is linear in all unknowns. Distortion is (observed − ideal height) / ideal height, ISO 17850:2015's local geometric distortion; TV distortion
 //! how much nearer a straight line along the upper side of the picture comes to the middle of the picture in its corners than in its centre, over
-//! the height of the picture. The film must be parallel to the chart: perspective would count as distortion of its own, and shows as residual.
+//! the height of the picture, its shorter side. The film must be parallel to the chart: perspective would count as distortion of its own, and shows as residual.
 
 use super::fit::least_squares;
 use super::{MeasureError, Plane};
@@ -102,8 +102,8 @@ pub fn measure(plane: &Plane) -> Result<Distortion, MeasureError> {
     let largest_height = relative.iter().map(|(_, p)| p[0].hypot(p[1])).fold(0.0, f64::max);
     let coefficients = [c[6], c[7], c[8]];
     let mut found = Distortion { dots, coefficients, largest_height, residual_px: residual * half, tv_percent: 0.0 };
-    // The straight line that the upper side of the picture touches in its centre, and where it meets the sides.
-    let [x, y] = middle.map(|v| v / half);
+    // The straight line that the longer side of the picture touches in its centre, and where it meets the others.
+    let [x, y] = [middle[0].max(middle[1]), middle[0].min(middle[1])].map(|v| v / half);
     let ideal = y * found.ratio(y);
     let (mut low, mut high) = (0.0, 2.0 * y);
     for _ in 0..60 {

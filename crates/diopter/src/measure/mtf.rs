@@ -44,6 +44,10 @@ const MOST_ROW_RATIO: f64 = 4.0;
 const LEAST_ROW_DEVIATION: f64 = 0.02;
 /// Root mean square of the distance of the rows' centroids from the fitted edge, pixels, beyond which it is none.
 const MOST_RESIDUAL: f64 = 1.0;
+/// The same where rows beside one another deviate alike, by this ratio of the squares of their differences to those of the deviations (2 of noise; J. Durbin & G. S. Watson, "Testing
+/// for serial correlation in least squares regression", Biometrika 37, 1950): a stepped edge, or another shape.
+const MOST_STEPPED: f64 = 0.2;
+const LEAST_ROUGHNESS: f64 = 0.4;
 /// How often the edge is fitted: each window is centred by the fit before. The first two fits are straight lines.
 const FITS: usize = 5;
 /// Steps of the response, up to one cycle a pixel.
@@ -157,6 +161,8 @@ pub struct EdgeMtf {
     /// without it.
     #[serde(skip)]
     pub window: (Window, f64),
+    /// Distance from the edge up to which every row takes part, pixels.
+    pub reach_px: f64,
 }
 
 impl EdgeMtf {
@@ -166,13 +172,6 @@ impl EdgeMtf {
         let first = place as usize;
         let Some(next) = self.mtf.get(first + 1) else { return if place <= STEPS as f64 { self.mtf[STEPS] } else { 0.0 } };
         self.mtf[first] + (next - self.mtf[first]) * (place - first as f64)
-    }
-
-    /// Frequency at which the response first falls to a level, interpolated.
-    fn falls_to(&self, level: f64) -> Option<f64> {
-        let k = self.mtf.windows(2).position(|w| w[0] >= level && w[1] < level)?;
-        let [a, b] = [self.mtf[k], self.mtf[k + 1]];
-        Some((k as f64 + (a - level) / (a - b)) / STEPS as f64)
     }
 }
 
@@ -206,7 +205,8 @@ pub fn measure(plane: &Plane, region: Region, options: &Options) -> Result<EdgeM
     let rows = rows_of(plane, region, horizontal);
     let [across, along] = if horizontal { [region.height, region.width] } else { [region.width, region.height] };
     let fit = Fit::new(&rows, across, options.order).ok_or_else(|| no_edge("no edge found".into()))?;
-    if fit.residual > MOST_RESIDUAL {
+    let has_steps = fit.residual > MOST_STEPPED && fit.roughness < LEAST_ROUGHNESS;
+    if fit.residual > MOST_RESIDUAL || has_steps {
         return Err(no_edge(format!("no straight edge: rows deviate by {:.1} pixels from the fit", fit.residual)));
     }
 
@@ -336,7 +336,18 @@ pub fn measure(plane: &Plane, region: Region, options: &Options) -> Result<EdgeM
         let f = f * cos;
         transform(f) / total / (sinc(2.0 * f / OVERSAMPLING) * offsets.transfer(f))
     };
-    let mtf = frequencies.iter().map(response).collect();
+    let mtf: Vec<f64> = frequencies.iter().map(response).collect();
+    // Where it first falls to a level: between two steps by halving, since a wide blur falls in less than one.
+    let falls_to = |level: f64| {
+        let k = mtf.windows(2).position(|w| w[0] >= level && w[1] < level)?;
+        let [mut low, mut high] = [frequencies[k], frequencies[k + 1]];
+        for _ in 0..30 {
+            let middle = 0.5 * (low + high);
+            if response(&middle) >= level { low = middle } else { high = middle }
+        }
+        Some(0.5 * (low + high))
+    };
+    let [mtf50, mtf10] = [0.5, 0.1].map(falls_to);
 
     let (dark, light) = (left.min(right), left.max(right));
     let normal = [cos, -slope * cos];
@@ -359,13 +370,14 @@ pub fn measure(plane: &Plane, region: Region, options: &Options) -> Result<EdgeM
         noise: unexplained.sqrt() / (light - dark),
         frequencies,
         mtf,
-        mtf50: None,
-        mtf10: None,
+        mtf50,
+        mtf10,
         at_nyquist: 0.0,
         esf: esf.iter().enumerate().map(|(k, v)| [distance(k as f64) * cos, (v - dark) / (light - dark)]).collect(),
         window: (options.window, half * cos),
+        reach_px: reach * cos,
     };
-    (found.mtf50, found.mtf10, found.at_nyquist) = (found.falls_to(0.5), found.falls_to(0.1), found.at(0.5));
+    found.at_nyquist = found.at(0.5);
     Ok(found)
 }
 
@@ -391,6 +403,8 @@ struct Fit {
     /// Pixels to the right in a row, in the middle.
     slope: f64,
     residual: f64,
+    /// Squares of the differences of the deviations of neighbours over those of the deviations.
+    roughness: f64,
 }
 
 impl Fit {
@@ -413,7 +427,7 @@ impl Fit {
     fn new(rows: &[Row], across: usize, order: usize) -> Option<Fit> {
         let along = rows.len();
         let half = 0.5 * across as f64;
-        let mut fit = Fit { coefficients: vec![half - 0.5], along, slope: 0.0, residual: f64::MAX };
+        let mut fit = Fit { coefficients: vec![half - 0.5], along, slope: 0.0, residual: f64::MAX, roughness: 2.0 };
         let hann = Window::Tukey { alpha: 1.0 };
         for round in 0..FITS {
             let mut found = Vec::with_capacity(along);
@@ -444,8 +458,10 @@ impl Fit {
             let order = if round < 2 { 1 } else { order };
             fit.coefficients = polynomial(&good, order)?;
             fit.slope = fit.coefficients[1] * 2.0 / along as f64;
-            let squares = good.iter().map(|(t, x)| (x - value(&fit.coefficients, *t)).powi(2)).sum::<f64>();
+            let off: Vec<f64> = good.iter().map(|(t, x)| x - value(&fit.coefficients, *t)).collect();
+            let squares = off.iter().map(|d| d * d).sum::<f64>();
             fit.residual = (squares / good.len() as f64).sqrt();
+            fit.roughness = off.windows(2).map(|d| (d[1] - d[0]).powi(2)).sum::<f64>() / squares.max(1e-300);
         }
         fit.residual.is_finite().then_some(fit)
     }

@@ -5,6 +5,10 @@
 //! signal less black by the system gain K (DN/e⁻), from the variance of the read-out. Of one pair alone K is variance over signal, right where
 //! photon noise outweighs the read-out's.
 //!
+//! The dark noise is what the line leaves at no light, less the variance of rounding (1/12 DN²); below 0.24 DN² rounding hides the noise (EMVA 1288, 4.0, clause on the
+//! absolute sensitivity threshold). Where that leaves nothing, or the darkest pair lies below black, files are wrong about their black level: a pair that has next to no light then is taken for
+//! dark. The dynamic range is that of the standard: white over the signal that equals the noise beside its own, √(σ_d² + σ_q²/K²) + ½ e⁻.
+//!
 //! `diopter_sensor::emva` measures bodies of our own, with exposures as the standard wants them; this here needs no more than files.
 
 use super::fit::least_squares;
@@ -16,6 +20,11 @@ use serde::Serialize;
 const MOST_CLIPPED: f64 = 0.001;
 /// Exposures of a pair may differ by this fraction of their mean.
 const MOST_DIFFERENCE: f64 = 0.05;
+/// Least variance that numbers tell, DN²; that of rounding, DN².
+const LEAST_VARIANCE_DN2: f64 = 0.24;
+const ROUNDING_DN2: f64 = 1.0 / 12.0;
+/// A pair of this fraction of the brightest one's signal may be dark.
+const MOST_DARK: f64 = 0.02;
 
 /// A pair of pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -39,11 +48,14 @@ pub struct Transfer {
     pub pairs: Vec<Pair>,
     /// System gain K, DN/e⁻.
     pub gain_dn_per_e: f64,
-    /// Temporal dark noise, e⁻, from where the fit meets no signal; `None` of pairs that do not tell (fewer than two different signals).
+    /// Temporal dark noise, without that of rounding, e⁻, from where the fit meets no signal; `None` of pairs that do not tell (fewer than two different signals, or a line that meets no
+    /// signal below 0, without a dark pair).
     pub dark_noise_e: Option<f64>,
+    /// Level of the dark pair over the black level of the files, DN, where that is wrong.
+    pub dark_offset_dn: Option<f64>,
     /// Signal at the white level, e⁻.
     pub white_e: f64,
-    /// White over dark noise, stops; `None` without dark noise.
+    /// White over the absolute sensitivity threshold, stops; `None` without dark noise.
     pub dynamic_range_stops: Option<f64>,
 }
 
@@ -84,7 +96,10 @@ pub fn measure(pairs: &[(RawImage, RawImage)], region: Option<Region>) -> Result
     let names = h.cfa.channel_names();
     let mut all = Vec::with_capacity(names.len());
     for (channel, name) in names.iter().enumerate() {
-        let mut points = pairs.iter().map(|(a, b)| pair(a, b, region, channel, name)).collect::<Result<Vec<_>, _>>()?;
+        let numbered = pairs.iter().zip(1..);
+        let mut points = numbered
+            .map(|((a, b), k)| pair(a, b, region, channel, &format!("{name}, pair {k}")))
+            .collect::<Result<Vec<_>, _>>()?;
         points.sort_by(|a, b| a.signal_dn.total_cmp(&b.signal_dn));
         all.push(transfer(name, points, h.white_level - h.black_level)?);
     }
@@ -135,6 +150,11 @@ fn pair(a: &RawImage, b: &RawImage, r: Region, channel: usize, name: &str) -> Re
     Ok(Pair { signal_dn, variance_dn2, snr, samples: count })
 }
 
+/// Electrons that equal the noise beside their own, by the variance of the dark (DN², that of rounding included) and the system gain (DN/e⁻). Source: EMVA 1288, release 4.0, eq. 26.
+pub fn threshold_e(dark_dn2: f64, gain_dn_per_e: f64) -> f64 {
+    dark_dn2.max(LEAST_VARIANCE_DN2).sqrt() / gain_dn_per_e + 0.5
+}
+
 /// The line through pairs: variance = dark + K · signal.
 fn transfer(name: &str, pairs: Vec<Pair>, white_dn: f64) -> Result<Transfer, MeasureError> {
     let place = format!("photon transfer of {name}");
@@ -153,7 +173,7 @@ fn transfer(name: &str, pairs: Vec<Pair>, white_dn: f64) -> Result<Transfer, Mea
         let Some(c) = fit else {
             return Err(MeasureError::unfit(place, "its pairs do not determine a line", "pairs of several exposures"));
         };
-        (c[1] / brightest, Some(c[0].max(0.0).sqrt()))
+        (c[1] / brightest, Some(c[0]))
     } else {
         let [signal, variance] = pairs.iter().fold([0.0; 2], |s, p| [s[0] + p.signal_dn, s[1] + p.variance_dn2]);
         (variance / signal, None)
@@ -165,10 +185,16 @@ fn transfer(name: &str, pairs: Vec<Pair>, white_dn: f64) -> Result<Transfer, Mea
             "raw images of flat fields, not denoised",
         ));
     }
-    let dark_noise_e = dark.map(|d| d / gain);
-    let white_e = white_dn / gain;
-    let dynamic_range_stops = dark_noise_e.filter(|d| *d > 0.0).map(|d| (white_e / d).log2());
-    Ok(Transfer { channel: name.into(), pairs, gain_dn_per_e: gain, dark_noise_e, white_e, dynamic_range_stops })
+    let darkest = &pairs[0];
+    let below_black = darkest.signal_dn < -6.0 * (darkest.variance_dn2 / darkest.samples as f64).sqrt();
+    let is_wrong = dark.is_some_and(|d| d <= 0.0 || below_black) && darkest.signal_dn < MOST_DARK * brightest;
+    let dark_offset_dn = is_wrong.then_some(darkest.signal_dn);
+    let dark = if is_wrong { Some(darkest.variance_dn2) } else { dark.filter(|d| *d > 0.0) };
+    let told = dark.map(|d| d.max(LEAST_VARIANCE_DN2));
+    let dark_noise_e = told.map(|d| (d - ROUNDING_DN2).sqrt() / gain);
+    let white_e = (white_dn - dark_offset_dn.unwrap_or(0.0)) / gain;
+    let dynamic_range_stops = told.map(|d| (white_e / threshold_e(d, gain)).log2());
+    Ok(Transfer { channel: name.into(), pairs, gain_dn_per_e: gain, dark_noise_e, dark_offset_dn, white_e, dynamic_range_stops })
 }
 
 #[cfg(test)]
@@ -205,9 +231,12 @@ mod tests {
                 let wanted = 1.0 / iso.gain_e_per_dn;
                 // A variance from 16 384 pixels (a quarter of all) is sure to 1.1 %, the slope of the brighter seven to 0.5 %: 2 % are 4 of these.
                 assert!((t.gain_dn_per_e / wanted - 1.0).abs() < 0.02, "{name} {}: {} {wanted}", t.channel, t.gain_dn_per_e);
-                let dark = (iso.read_noise_e.powi(2) + iso.row_noise_e.powi(2) + iso.gain_e_per_dn.powi(2) / 12.0).sqrt();
+                let dark = iso.read_noise_e.hypot(iso.row_noise_e);
                 let measured = t.dark_noise_e.unwrap();
                 assert!((measured / dark - 1.0).abs() < 0.1, "{name} {}: {measured} {dark}", t.channel);
+                let threshold = (dark.powi(2) + iso.gain_e_per_dn.powi(2) / 12.0).sqrt() + 0.5;
+                let stops = (f64::from(full) / threshold).log2();
+                assert!((t.dynamic_range_stops.unwrap() - stops).abs() < 0.15, "{name} {}: {t:?} {stops}", t.channel);
                 assert!(t.pairs.windows(2).all(|w| w[0].signal_dn <= w[1].signal_dn));
             }
         }
@@ -223,6 +252,27 @@ mod tests {
         // 16 384 pixels: 1.1 %; the read-out adds less than 0.5 % to the variance of half of the well.
         assert!((t.gain_dn_per_e * iso.gain_e_per_dn - 1.0).abs() < 0.035, "{}", t.gain_dn_per_e);
         assert_eq!((t.dark_noise_e, t.dynamic_range_stops), (None, None));
+    }
+
+    #[test]
+    fn a_dark_pair_counts_where_files_are_wrong_about_their_black() {
+        let sensor = Sensor::named("imx249").unwrap();
+        let iso = sensor.at_iso(sensor.iso[0].iso).unwrap();
+        let full = sensor.saturation_e(&iso) as f32;
+        let dark = iso.read_noise_e.hypot(iso.row_noise_e);
+        for off in [40.0, -40.0] {
+            let mut all = pairs(&sensor, &[0.0, 0.1, 0.2, 0.4, 0.6].map(|s| s * full));
+            for (a, b) in &mut all {
+                a.header.black_level -= off;
+                b.header.black_level -= off;
+            }
+            let t = &measure(&all, None).unwrap()[0];
+            assert!((t.dark_noise_e.unwrap() / dark - 1.0).abs() < 0.1, "{off}: {t:?} {dark}");
+            assert!((t.dark_offset_dn.unwrap() - off).abs() < 1.0, "{off}: {t:?}");
+            // Without it nobody knows.
+            let t = &measure(&all[1..], None).unwrap()[0];
+            assert!(off < 0.0 || t.dark_noise_e.is_none(), "{off}: {t:?}");
+        }
     }
 
     #[test]

@@ -2,8 +2,8 @@
 //!
 //! Fields of known density lie in rows and columns (ISO 14524: the opto-electronic conversion function is the output over the logarithm of the light that comes in). Of each
 //! the middle is averaged; its noise is what is left without a plane, so that fall-off of the lens within a field does not count. Of one picture that is the total noise; of two
-//! and more of the same exposure the temporal noise is known apart, by what differs from picture to picture at each pixel (ISO 15739). The dynamic range is the luminance at which
-//! the output is saturated over that at which signal equals temporal noise (ISO 15739; of one picture: total noise).
+//! and more of the same exposure the temporal noise is known apart, by what differs from picture to picture at each pixel (ISO 15739). The signal-to-noise ratio is that of the light: luminance times the incremental
+//! gain over the noise, so that no tone curve changes it. The dynamic range is the luminance at which the output is saturated over that at which this ratio is 1 (ISO 15739; of one picture: by total noise).
 
 use super::corners::{Corners, framed, projective};
 use super::fit::least_squares;
@@ -18,11 +18,15 @@ const MIDDLE: f64 = 0.6;
 const LEAST: usize = 50;
 /// Fraction of a field's samples that may be clipped before its mean is no measure any more.
 const MOST_CLIPPED: f64 = 0.002;
+/// Fraction of them below 0 where the signal equals its noise: Φ(−1).
+const MOST_BLACK: f64 = 0.16;
 /// Fields that can be read darken with their density at least by this rank correlation, or they are no wedge. Fall-off and noise exchange neighbours of a wedge (0.99 and more);
 /// what is no wedge has any order (of 20 fields at random ±0.23).
 const LEAST_RANK: f64 = 0.8;
 /// Means of pictures of one exposure may differ by this fraction.
 const MOST_DIFFERENCE: f64 = 0.05;
+/// And by this fraction of white.
+const LEAST_DIFFERENCE: f64 = 1e-3;
 
 /// A field of the chart.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -35,10 +39,14 @@ pub struct Field {
     pub total_noise: f64,
     /// The part of it that differs from picture to picture; `None` of one picture.
     pub temporal_noise: Option<f64>,
-    /// Signal over temporal noise (total noise of one picture).
+    /// Incremental gain: by how much the signal rises where the light does by a factor e; `None` of one field alone and of clipped ones.
+    pub incremental_gain: Option<f64>,
+    /// Signal-to-noise ratio of the light: the incremental gain (without it, the signal) over temporal noise (total noise of one picture).
     pub snr: f64,
     /// Whether more than 0.2 % of its samples are clipped at white.
     pub saturated: bool,
+    /// Whether a sixth of its samples or more are clipped at black, as where the signal is no larger than its noise: its ratio is then 0.
+    pub crushed: bool,
     /// Samples in each picture.
     pub samples: usize,
 }
@@ -53,7 +61,7 @@ pub struct Response {
     /// Density whose light would just saturate the output, by the two brightest fields that do not; negative where the clear field is not bright enough. `None`
     /// without such fields, or of outputs that know no limit.
     pub saturation_density: Option<f64>,
-    /// Density at which signal equals noise; `None` where all fields stand above their noise.
+    /// Density at which the signal-to-noise ratio is 1; `None` where all fields stand above their noise.
     pub noise_density: Option<f64>,
     /// Between the two, stops.
     pub dynamic_range_stops: Option<f64>,
@@ -214,6 +222,7 @@ fn field(planes: &[Plane], corners: &[DVec2; 4], density: f64) -> Result<Field, 
     let (n, pictures) = (samples as f64, planes.len() as f64);
     let top = plane.limits[1];
     let clipped = planes.iter().flat_map(|p| pixels.iter().map(|i| p.values[*i])).filter(|v| *v >= top).count();
+    let black = planes.iter().flat_map(|p| pixels.iter().map(|i| p.values[*i])).filter(|v| *v <= plane.limits[0]).count();
     let means: Vec<f64> = planes.iter().map(|p| pixels.iter().map(|i| f64::from(p.values[*i])).sum::<f64>() / n).collect();
     let signal = means.iter().sum::<f64>() / pictures;
     // What differs from picture to picture, pixel by pixel; the pictures' own means apart, since light may flicker.
@@ -237,29 +246,60 @@ fn field(planes: &[Plane], corners: &[DVec2; 4], density: f64) -> Result<Field, 
     let left = |i: usize| value(i) - means[0] - slope[0] - slope[1] * place_of(i).x - slope[2] * place_of(i).y;
     let total = pixels.iter().map(|i| left(*i).powi(2)).sum::<f64>() / (n - 3.0);
     let sure = 6.0 * (total / n).sqrt();
-    if let Some(other) = means.iter().find(|m| (*m - means[0]).abs() > MOST_DIFFERENCE * signal.abs() + sure) {
+    // A thousandth of white is no difference of exposures: tone curves lead deep shadows to next to nothing.
+    let least = if top.is_finite() { LEAST_DIFFERENCE * f64::from(top) } else { LEAST_DIFFERENCE };
+    if let Some(other) = means.iter().find(|m| (*m - means[0]).abs() > (MOST_DIFFERENCE * signal.abs()).max(least) + sure) {
         return Err(MeasureError::unfit(
             &place,
             format!("means of {:.5} and {other:.5} of white", means[0]),
             "pictures of the same exposure, of the same chart in the same place",
         ));
     }
-    let noise = temporal.unwrap_or(total).sqrt();
+    let temporal_noise = temporal.map(f64::sqrt);
     Ok(Field {
         density,
         signal,
         total_noise: total.sqrt(),
-        temporal_noise: temporal.map(f64::sqrt),
-        snr: if noise > 0.0 {
-            signal / noise
-        } else if signal > 0.0 {
-            f64::INFINITY
-        } else {
-            0.0
-        },
+        temporal_noise,
+        incremental_gain: None,
+        snr: ratio(signal, temporal_noise.unwrap_or(total.sqrt())),
         saturated: clipped as f64 > MOST_CLIPPED * n * pictures,
+        crushed: black as f64 > MOST_BLACK * n * pictures,
         samples,
     })
+}
+
+/// Signal over noise.
+fn ratio(signal: f64, noise: f64) -> f64 {
+    match noise > 0.0 {
+        true => signal / noise,
+        false if signal > 0.0 => f64::INFINITY,
+        false => 0.0,
+    }
+}
+
+/// Finds the incremental gain of fields by those beside them in density, and by it their signal-to-noise ratio.
+fn weigh_by_gain(fields: &mut [Field]) {
+    /// Fields of the same density are the same light.
+    const SAME: f64 = 0.01;
+    let mut known: Vec<(f64, f64)> = fields.iter().filter(|f| !f.saturated).map(|f| (f.density, f.signal)).collect();
+    known.sort_by(|a, b| a.0.total_cmp(&b.0));
+    for f in fields.iter_mut().filter(|f| !f.saturated) {
+        let own = (f.density, f.signal);
+        let brighter = known.iter().rev().find(|k| k.0 < own.0 - SAME).copied().unwrap_or(own);
+        let darker = known.iter().find(|k| k.0 > own.0 + SAME).copied().unwrap_or(own);
+        let apart = (darker.0 - brighter.0) * std::f64::consts::LN_10;
+        if apart == 0.0 {
+            continue;
+        }
+        // The slope of a power is found exactly where all three are above 0.
+        let gain = match brighter.1 > 0.0 && own.1 > 0.0 && darker.1 > 0.0 {
+            true => own.1 * (brighter.1 / darker.1).ln() / apart,
+            false => (brighter.1 - darker.1) / apart,
+        };
+        f.incremental_gain = Some(gain);
+        f.snr = if f.crushed { 0.0 } else { ratio(gain, f.temporal_noise.unwrap_or(f.total_noise)) };
+    }
 }
 
 /// Density at which the straight line through two points (density, log value) meets a log value.
@@ -267,7 +307,8 @@ fn meets([a, b]: [(f64, f64); 2], value: f64) -> f64 {
     a.0 + (value - a.1) / (b.1 - a.1) * (b.0 - a.0)
 }
 
-fn response(channel: &'static str, fields: Vec<Field>, top: f64) -> Response {
+fn response(channel: &'static str, mut fields: Vec<Field>, top: f64) -> Response {
+    weigh_by_gain(&mut fields);
     let mut sorted: Vec<&Field> = fields.iter().collect();
     sorted.sort_by(|a, b| a.density.total_cmp(&b.density));
     // Brightest first, from where nothing is clipped.
@@ -283,6 +324,8 @@ fn response(channel: &'static str, fields: Vec<Field>, top: f64) -> Response {
         let at = |f: &Field| (f.density, f.snr.max(0.1).ln());
         meets([at(kept[k - 1]), at(kept[k])], 0.0)
     });
+    // Without noise there is no such density.
+    let noise_density = noise_density.filter(|d| d.is_finite());
     let dynamic_range_stops = saturation_density.zip(noise_density).map(|(s, n)| (n - s) * 10f64.log2());
     let clear: Vec<(f64, f64)> =
         kept.iter().filter(|f| f.snr > 10.0 && f.signal > 0.0).map(|f| (-f.density, f.signal.log10())).collect();
@@ -350,6 +393,15 @@ mod tests {
             assert!((f.temporal_noise.unwrap() / noise - 1.0).abs() < 0.06, "{f:?} {noise}");
             assert!((f.total_noise / noise - 1.0).abs() < 0.06, "{f:?} {noise}");
         }
+        // No curve changes what is known of the light, but for what rounding and clipping at 0 do in the dark.
+        let curved = [picture(1, 0.5, 2.2), picture(2, 0.5, 2.2)];
+        let curved = measure(&curved, Channel::Clear, None, WEDGE_GRID, None, None).unwrap();
+        for (f, straight) in curved.fields.iter().zip(&found.fields).skip(1).filter(|(_, f)| f.snr > 10.0) {
+            assert!((f.snr / straight.snr - 1.0).abs() < 0.03, "{f:?} {straight:?}");
+            assert!((f.incremental_gain.unwrap() / (f.signal / 2.2) - 1.0).abs() < 0.02, "{f:?}");
+        }
+        let stops = |r: &Response| r.dynamic_range_stops.unwrap();
+        assert!((stops(&curved) - stops(&found)).abs() < 0.5, "{} {}", stops(&curved), stops(&found));
         // Signal = noise: e² = e + 9, e = 3.541: 11.46 stops. Between two fields of 0.83 stops a straight line errs by a few hundredths.
         let wanted = (1e4f64 / 3.541_38).log2();
         assert!((found.dynamic_range_stops.unwrap() - wanted).abs() < 0.12, "{:?} {wanted}", found.dynamic_range_stops);

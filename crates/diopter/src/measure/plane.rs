@@ -3,9 +3,9 @@
 use super::MeasureError;
 use crate::files;
 use diopter_image::raw::Filter;
-use diopter_image::{Encoding, ExposureFacts, Raster, RawImage, dng, exr};
+use diopter_image::{Encoding, ExposureFacts, Raster, RawImage, dng, exr, icc};
 use diopter_light::color::RgbSpace;
-use diopter_scene::load::read_codes;
+use diopter_scene::load::{read_codes, read_profile};
 use serde::Serialize;
 use std::io::Cursor;
 use std::path::Path;
@@ -159,14 +159,14 @@ pub enum Measured {
 }
 
 impl Measured {
-    /// Reads a DNG, a focal plane or other EXR, or a picture (PNG, TIFF, JPEG ...) whose codes are decoded by `encoding`. Fails where the file cannot be read or decoded.
-    pub fn read(path: &Path, encoding: Encoding) -> Result<Measured, MeasureError> {
+    /// Reads a DNG, a focal plane or other EXR, or a picture (PNG, TIFF, JPEG ...) whose codes are decoded by `encoding`, without one by that of its colour profile, or sRGB. Fails where the file cannot be read or decoded.
+    pub fn read(path: &Path, encoding: Option<Encoding>) -> Result<Measured, MeasureError> {
         let wrong = |reason: String| MeasureError::Read { path: path.display().to_string(), reason };
         let bytes = files::read(path).map_err(|e| wrong(e.to_string()))?;
         Self::from_bytes(bytes, encoding, path.extension().is_some_and(|e| e.eq_ignore_ascii_case("dng"))).map_err(wrong)
     }
 
-    fn from_bytes(bytes: Vec<u8>, encoding: Encoding, raw: bool) -> Result<Measured, String> {
+    fn from_bytes(bytes: Vec<u8>, encoding: Option<Encoding>, raw: bool) -> Result<Measured, String> {
         const EXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
         if raw {
             let raw = dng::read(Cursor::new(bytes)).map_err(|e| e.to_string())?;
@@ -182,6 +182,8 @@ impl Measured {
             return Ok(Measured::Light { pixels, bands: ["R", "G", "B"].map(str::to_owned).to_vec(), limits, facts: None });
         }
         let mut pixels = read_codes(&bytes)?;
+        let of_profile = || read_profile(&bytes).and_then(|profile| icc::encoding_of(&profile));
+        let encoding = encoding.or_else(of_profile).unwrap_or(Encoding::Srgb);
         let luminance = RgbSpace::Srgb.luminance_weights();
         pixels.data.as_chunks_mut::<3>().0.iter_mut().for_each(|p| *p = encoding.decode_pixel(*p, luminance));
         let top = encoding.decode(1.0);

@@ -434,6 +434,7 @@ mod tests {
             at_nyquist: 1.0,
             esf: vec![],
             window: (Window::Tukey { alpha: 0.5 }, 80.0),
+            reach_px: 80.0,
         }
     }
 

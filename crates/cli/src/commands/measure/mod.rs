@@ -55,14 +55,18 @@ pub fn run(verb: &MeasureVerb, json: bool) -> anyhow::Result<()> {
 }
 
 impl PictureEncoding {
-    fn decoded(self) -> Encoding {
-        match self {
+    /// `None` of what the file says.
+    fn decoded(self) -> Option<Encoding> {
+        Some(match self {
+            PictureEncoding::Auto => return None,
             PictureEncoding::Srgb => Encoding::Srgb,
+            PictureEncoding::Gamma18 => Encoding::Gamma18,
             PictureEncoding::Gamma22 => Encoding::Gamma22,
+            PictureEncoding::Gamma24 => Encoding::Gamma24,
             PictureEncoding::Linear => Encoding::Linear,
             PictureEncoding::Pq => Encoding::Pq,
             PictureEncoding::Hlg => Encoding::Hlg,
-        }
+        })
     }
 }
 
@@ -223,11 +227,11 @@ struct TransferSheet {
     iso: f64,
     /// System gain K, DN/e⁻.
     gain_dn_per_e: f64,
-    /// Read noise, noise of rows and rounding together, e⁻.
+    /// Read noise and noise of rows together, e⁻.
     dark_noise_e: f64,
     /// White less black, e⁻.
     white_e: f64,
-    /// White over dark noise, stops.
+    /// White over the absolute sensitivity threshold, stops.
     dynamic_range_stops: f64,
 }
 
@@ -254,16 +258,16 @@ fn transfer_sheet(raw: &diopter::image::RawImage, body: Option<&str>) -> anyhow:
         (Err(_), None) => return Ok(None),
         (Err(e), Some(_)) => return Err(UsageError(e.into()).into()),
     };
-    let rounding = step.gain_e_per_dn / 12f64.sqrt();
-    let dark_noise_e = step.read_noise_e.hypot(step.row_noise_e).hypot(rounding);
-    let white_e = sensor.saturation_e(&step);
+    let dark_noise_e = step.read_noise_e.hypot(step.row_noise_e);
+    let (white_e, gain_dn_per_e) = (sensor.saturation_e(&step), 1.0 / step.gain_e_per_dn);
+    let dark_dn2 = (dark_noise_e * gain_dn_per_e).powi(2) + step.digital_gain.powi(2) / 12.0;
     Ok(Some(TransferSheet {
         body: sensor.name.clone(),
         iso,
-        gain_dn_per_e: 1.0 / step.gain_e_per_dn,
+        gain_dn_per_e,
         dark_noise_e,
         white_e,
-        dynamic_range_stops: (white_e / dark_noise_e).log2(),
+        dynamic_range_stops: (white_e / noise::threshold_e(dark_dn2, gain_dn_per_e)).log2(),
     }))
 }
 
@@ -286,7 +290,12 @@ fn photon_transfer(
     let data_sheet = transfer_sheet(&pairs[0].0, body)?;
     let found = noise::measure(&pairs, part.map(region))?;
     let mut t = String::new();
-    writeln!(t, "photon transfer of {} pair{}", pairs.len(), if pairs.len() == 1 { "" } else { "s" })?;
+    let ending = if pairs.len() == 1 { "" } else { "s" };
+    writeln!(
+        t,
+        "photon transfer of {} pair{ending}   (EMVA 1288; stops: white over the absolute sensitivity threshold)",
+        pairs.len()
+    )?;
     writeln!(
         t,
         "  {:<8} {:>11} {:>11} {:>11} {:>11} {:>8}",
@@ -318,6 +327,15 @@ fn photon_transfer(
             s.body,
             s.iso
         )?;
+    }
+    for c in &found {
+        if let Some(offset) = c.dark_offset_dn {
+            writeln!(
+                t,
+                "  {}: the dark pair lies {offset:+.1} DN from the black level of the files; it counts as dark",
+                c.channel
+            )?;
+        }
     }
     writeln!(t, "  {:<8} {:>11} {:>13} {:>9}", "", "signal DN", "variance DN²", "SNR dB")?;
     for c in &found {
@@ -404,6 +422,9 @@ fn range_text(sensor: &Sensor, rows: &[(f64, emva::Report)]) -> anyhow::Result<S
             m.dark_noise_e,
             m.snr_max_db()
         )?;
+    }
+    if sensor.second_reading.is_some() {
+        writeln!(t, "  the first reading alone: the second one, of less light, holds more")?;
     }
     Ok(t)
 }
@@ -518,7 +539,7 @@ fn differences(
     file: &Path,
     corners: Option<Corners>,
     light: &str,
-    encoding: Encoding,
+    encoding: Option<Encoding>,
     output: &[PathBuf],
     json: bool,
 ) -> anyhow::Result<()> {

@@ -6,6 +6,8 @@ use rayon::prelude::*;
 
 /// Sides of regions that are tried where none is given, the largest first.
 const SIDES: [usize; 6] = [160, 128, 96, 64, 48, 32];
+/// The same for blurs that do not end within these.
+const WIDE: [usize; 4] = [224, 320, 448, 640];
 /// Most edges that a search returns.
 const MOST_FOUND: usize = 20;
 
@@ -20,15 +22,30 @@ pub fn measure_at(plane: &Plane, [x, y]: [f64; 2], options: &Options) -> Result<
             "a place within it",
         ));
     }
-    let around = |side: usize| {
-        let start = |at: f64, all: usize| (at as usize).saturating_sub(side / 2).min(all.saturating_sub(side));
-        Region { x: start(x, sides[0]), y: start(y, sides[1]), width: side.min(sides[0]), height: side.min(sides[1]) }
-    };
+    let around = |side: usize| around(plane, [x, y], side);
     plane.check(plane.whole(), LEAST_SIDE)?;
     let [larger @ .., smallest] = SIDES;
     // Where none holds an edge, the smallest says why: it is the least likely to hold something else.
     let found = larger.into_iter().find_map(|side| measure(plane, around(side), options).ok());
     found.map_or_else(|| measure(plane, around(smallest), options), Ok)
+}
+
+/// A square of a side about a place, as far as the picture goes.
+fn around(plane: &Plane, [x, y]: [f64; 2], side: usize) -> Region {
+    let start = |at: f64, all: usize| (at as usize).saturating_sub(side / 2).min(all.saturating_sub(side));
+    let sides = [plane.width, plane.height];
+    Region { x: start(x, sides[0]), y: start(y, sides[1]), width: side.min(sides[0]), height: side.min(sides[1]) }
+}
+
+/// The edge at a place in the smallest of larger regions within which its blur ends.
+fn wide(plane: &Plane, place: [f64; 2], options: &Options) -> Option<EdgeMtf> {
+    WIDE.into_iter().find_map(|side| measure(plane, around(plane, place, side), options).ok().filter(is_edge))
+}
+
+/// Whether the blur of an edge ends within the reach of its region. What is still rising at the ends is a gradient, such as vignetting, or a blur that is too wide for the region, whose response
+/// would be found too high.
+fn is_edge(e: &EdgeMtf) -> bool {
+    e.mtf50.is_none_or(|f| f * e.reach_px > 1.0)
 }
 
 /// Finds the slanted edges of a picture, each in the largest region around its middle that shows nothing else; from top to bottom. Fails on options out of range, below
@@ -56,10 +73,10 @@ pub fn find(plane: &Plane, options: &Options) -> Result<Vec<EdgeMtf>, MeasureErr
         let good = |region: &Region| {
             let (n, sum, squares) = plane.samples(*region).fold((0.0, 0.0, 0.0), |(n, s, q), v| (n + 1.0, s + v, q + v * v));
             let mean = sum / f64::max(n, 1.0);
-            // What is still rising at the ends of the region is a gradient, such as vignetting.
-            let is_edge = |e: &EdgeMtf| e.mtf50.is_none_or(|f| f * side as f64 > 2.0);
             let varies = squares / f64::max(n, 1.0) - mean * mean > least_variance;
-            varies.then(|| measure(plane, *region, options).ok().filter(is_edge))?
+            // What is still rising at the ends of the region is a gradient, such as vignetting.
+            let may_be_edge = |e: &EdgeMtf| e.mtf50.is_none_or(|f| f * side as f64 > 2.0);
+            varies.then(|| measure(plane, *region, options).ok().filter(may_be_edge))?
         };
         let mut found: Vec<EdgeMtf> = regions.par_iter().filter_map(good).collect();
         // The best of those that overlap is the one whose edge lies best within its region.
@@ -81,8 +98,11 @@ pub fn find(plane: &Plane, options: &Options) -> Result<Vec<EdgeMtf>, MeasureErr
     // As much of each edge as there is, and each once.
     let mut whole: Vec<EdgeMtf> = Vec::new();
     for edge in kept {
-        let larger = measure_at(plane, edge.middle, options).ok().filter(|l| l.region.width > edge.region.width);
-        let edge = larger.unwrap_or(edge);
+        let centred = measure_at(plane, edge.middle, options).ok().filter(|c| c.region.width >= edge.region.width);
+        let edge = centred.unwrap_or(edge);
+        // A blur that is too wide for its region may end within a larger one.
+        let ends = if is_edge(&edge) { Some(edge) } else { wide(plane, edge.middle, options) };
+        let Some(edge) = ends else { continue };
         if !whole.iter().any(|w| w.region.holds(edge.middle)) {
             whole.push(edge);
         }
@@ -92,7 +112,7 @@ pub fn find(plane: &Plane, options: &Options) -> Result<Vec<EdgeMtf>, MeasureErr
         return Err(MeasureError::unfit(
             "picture",
             "no slanted edge found",
-            "a straight edge between two even fields, slanted by about 5° (\"resolution-chart\" has some), or --region x,y,width,height",
+            "a straight edge between two even fields that aren't clipped, slanted by about 5° (\"resolution-chart\" has some) whose blur ends beside it; or --region x,y,width,height",
         ));
     }
     kept.sort_by_key(|e| (e.region.y, e.region.x));

@@ -185,3 +185,27 @@ fn edges_are_found_where_they_are() {
     let none = Plane { values: vec![0.45; width * height], ..plane };
     assert!(find(&none, &Options::default()).unwrap_err().to_string().contains("no slanted edge"));
 }
+
+#[test]
+fn wide_blurs_are_measured_in_regions_in_which_they_end() {
+    for sigma in [12.0, 20.0, 40.0] {
+        let plane = edge(700, 700, 5.0, sigma, 0.0);
+        let found = find(&plane, &Options::default()).unwrap();
+        let mtf50 = (0.5f64.ln() / -2.0).sqrt() / (PI * sigma);
+        for edge in &found {
+            let off = edge.mtf50.unwrap() / mtf50 - 1.0;
+            assert!(off.abs() < 0.03, "{sigma}: {off} in {}", edge.region);
+        }
+    }
+    // Whole, by hand: what a grid of steps of 0.01 does not tell.
+    let plane = edge(700, 700, 5.0, 40.0, 0.0);
+    let found = measure(&plane, plane.whole(), &Options::default()).unwrap();
+    assert!((found.mtf50.unwrap() / ((0.5f64.ln() / -2.0).sqrt() / (PI * 40.0)) - 1.0).abs() < 0.005, "{:?}", found.mtf50);
+}
+
+#[test]
+fn a_step_in_an_upright_edge_is_no_slant() {
+    let values = (0..128 * 128).map(|i| if (i % 128) < 62 + 4 * usize::from(i / 128 >= 64) { 0.2 } else { 0.8 }).collect();
+    let plane = Plane { width: 128, height: 128, values, limits: [0.0, 1.0] };
+    assert!(measure(&plane, plane.whole(), &Options::default()).is_err());
+}
