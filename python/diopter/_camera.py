@@ -513,11 +513,17 @@ class Body:
         columns, rows = self.pixels
         return f"<Body {self.name}, {columns} × {rows} pixels>"
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Body) and self._made_from == other._made_from
+
+    def __hash__(self) -> int:
+        return hash(self._made_from)
+
     def __reduce__(self) -> tuple[Any, ...]:
         return (Body, (self._made_from,))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Camera:
     """A lens before a body, in its place. Values take text with units (``"f/2.8"``, ``"2.5 m"``) or plain numbers in the units named here.
 
@@ -563,6 +569,16 @@ class Camera:
             object.__setattr__(self, "lens", Lens(lens))
         if body is not None and not isinstance(body, Body):
             object.__setattr__(self, "body", Body(body))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Camera) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def _key(self) -> tuple[str, object, object]:
+        """What it is: its settings as text, lens and body."""
+        return json.dumps(plain(self._sections()), sort_keys=True), self.lens, self.body
 
     @property
     def _native_lens(self) -> _diopter.Lens | None:

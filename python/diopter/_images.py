@@ -143,11 +143,11 @@ class FocalPlane:
 
         Args:
             radiance: ``[row][column][3]`` linear sRGB (Rec. 709), cd/m²; with ``wavelengths_nm`` ``[row][column][wavelength]``,
-                W·m⁻²·sr⁻¹·nm⁻¹, linear between the wavelengths and nothing beyond them.
+                W·m⁻²·sr⁻¹·nm⁻¹, linear between the wavelengths and nothing beyond them. Negative values count as none.
             body: Whose sensor.
             shutter: Exposure time, s, or text such as ``"1/100 s"``.
             t_number: T-stop of the lens, such as ``"f/4"``.
-            wavelengths_nm: Rising, one a channel.
+            wavelengths_nm: Rising, one a channel. Sensors are known from 380 to 780 nm: light beyond is not counted.
             depth: ``[row][column]``, m along the axis; goes into :attr:`depth`.
         """
         return cls._from_light(radiance, body, shutter, t_stop("t_number", t_number), wavelengths_nm, depth, threads)

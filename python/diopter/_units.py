@@ -48,7 +48,7 @@ def t_stop(place: str, value: float | str) -> float:
 
 def _stop(place: str, value: float | str, letters: str, example: str) -> float:
     if isinstance(value, str):
-        value = re.sub(rf"^\s*[{letters}]/?", "", value)
+        value = re.sub(rf"^\s*[{letters}]/?(?=\s*[\d.])", "", value)
     return number(place, value, {"": 1.0}, example)
 
 

@@ -24,6 +24,8 @@ pub enum Channels {
     /// Spectral values at these wavelengths, nm, rising: W·m⁻²·sr⁻¹·nm⁻¹ of radiance, W·m⁻²·nm⁻¹ of irradiance. Linear between them; beyond the
     /// first and the last nothing.
     Spectral(Vec<f64>),
+    /// Means of the same over bands around these wavelengths, each as wide as from its middle to the next one's. Linear between the middles, level to the outer edges.
+    Bands(Vec<f64>),
 }
 
 /// Where the light is.
@@ -100,13 +102,24 @@ pub fn focal_plane(
                 "red, green and blue, or the wavelengths of its bands",
             ));
         }
-        Channels::Spectral(nm) => {
+        Channels::Spectral(nm) | Channels::Bands(nm) => {
             let rising = nm.is_sorted_by(|a, b| a < b) && nm.iter().all(|v| (100.0..=20_000.0).contains(v));
             if nm.len() < 2 || nm.len() != light.channels || !rising {
-                let found = format!("{} for {} channels", nm.len(), light.channels);
-                return Err(value("wavelengths", found, "one a channel, two at least, rising, nm"));
+                let told: Vec<String> = nm.iter().take(4).map(f64::to_string).collect();
+                let more = if nm.len() > told.len() { ", …" } else { "" };
+                let found = format!("{} for {} channels: {}{more}", nm.len(), light.channels, told.join(", "));
+                return Err(value("wavelengths", found, "one a channel, two at least, rising, nm from 100 to 20000"));
             }
-            let weights = hat_weights(nm, &responses, scale);
+            let [low, high] = RANGE_NM;
+            if nm[0] >= high || nm[nm.len() - 1] <= low {
+                let found = format!("{} to {} nm", nm[0], nm[nm.len() - 1]);
+                return Err(value("wavelengths", found, format!("some from {low} to {high} nm: sensors are known there")));
+            }
+            let beyond = match channels {
+                Channels::Bands(_) => [nm[1] - nm[0], nm[nm.len() - 1] - nm[nm.len() - 2]].map(|width| 0.5 * width),
+                _ => [0.0; 2],
+            };
+            let weights = hat_weights(nm, beyond, &responses, scale);
             pixels.for_each(|(to, values)| {
                 for (band, to) in to.iter_mut().enumerate() {
                     let all = values.iter().zip(&weights).map(|(v, w)| f64::from(v.max(0.0)) * w[band]);
@@ -139,8 +152,8 @@ pub fn focal_plane(
 }
 
 /// Mean electrons of a sensor under the light of a plane in radiance (`expose --radiance` or `--bands`), behind the lens and for the time of its facts
-/// unless others are given. Truth, facts and the error estimate go along. Spectral bands count as samples at their middles: what lies beyond the
-/// first and the last middle is lost.
+/// unless others are given. Truth, facts and the error estimate go along. What is between the middles of spectral
+/// bands is taken to be linear.
 ///
 /// Fails on planes of other bands, and where neither the facts nor the arguments tell time and T-stop.
 pub fn of_plane(
@@ -183,7 +196,7 @@ fn channels_of(bands: &[Band]) -> Option<Channels> {
     }
     // "S0.405,0nm": see `Response::spectral`.
     let middle = |b: &Band| b.name.strip_prefix("S0.")?.strip_suffix("nm")?.replace(',', ".").parse().ok();
-    bands.iter().map(middle).collect::<Option<Vec<f64>>>().filter(|nm| nm.len() > 1).map(Channels::Spectral)
+    bands.iter().map(middle).collect::<Option<Vec<f64>>>().filter(|nm| nm.len() > 1).map(Channels::Bands)
 }
 
 /// Wavelengths and, for each, what one unit of spectral light there counts in every band: the trapezoidal rule.
@@ -200,25 +213,34 @@ fn nodes(responses: &[Table], scale: f64) -> (Vec<f32>, Vec<f64>) {
     (nm, weights)
 }
 
-/// `[wavelength][band]`: what a unit at each given wavelength counts, the light being linear from one to the next (hat functions), 1 nm steps.
-fn hat_weights(nm: &[f64], responses: &[Table], scale: f64) -> Vec<Vec<f64>> {
+/// `[wavelength][band]`: what a unit at each given wavelength counts, the light being linear from one to the next (hat functions) and level for `beyond` nm before the first and
+/// after the last. By Simpson's rule over 1 nm or less: exact where a response is linear.
+fn hat_weights(nm: &[f64], beyond: [f64; 2], responses: &[Table], scale: f64) -> Vec<Vec<f64>> {
     let mut weights = vec![vec![0.0; responses.len()]; nm.len()];
-    let steps = 1 + ((nm[nm.len() - 1] - nm[0]).ceil() as usize).max(nm.len());
-    let step = (nm[nm.len() - 1] - nm[0]) / steps as f64;
-    for i in 0..steps {
-        // The middle of each step: no node is counted twice.
-        let at = nm[0] + (i as f64 + 0.5) * step;
-        if !(RANGE_NM[0]..=RANGE_NM[1]).contains(&at) {
-            continue;
+    // Light of one wavelength rises or falls from one end to the other, or stays.
+    let mut add = |wavelength: usize, [from, to]: [f64; 2], [first, last]: [f64; 2]| {
+        let [low, high] = [from.max(RANGE_NM[0]), to.min(RANGE_NM[1])];
+        if high <= low {
+            return;
         }
-        let right = nm.partition_point(|v| *v <= at).clamp(1, nm.len() - 1);
-        let t = (at - nm[right - 1]) / (nm[right] - nm[right - 1]);
-        for (band, response) in responses.iter().enumerate() {
-            let here = f64::from(response.at(at as f32)) * step * scale;
-            weights[right - 1][band] += (1.0 - t) * here;
-            weights[right][band] += t * here;
+        let steps = (high - low).ceil().max(1.0);
+        let step = (high - low) / steps;
+        for half in 0..=2 * steps as usize {
+            let at = low + 0.5 * step * half as f64;
+            let share = [2.0, 4.0][half % 2] - f64::from(half == 0 || half == 2 * steps as usize);
+            let light = first + (last - first) * (at - from) / (to - from);
+            for (band, response) in responses.iter().enumerate() {
+                weights[wavelength][band] += share / 6.0 * step * light * f64::from(response.at(at as f32)) * scale;
+            }
         }
+    };
+    let last = nm.len() - 1;
+    for (i, pair) in nm.windows(2).enumerate() {
+        add(i, [pair[0], pair[1]], [1.0, 0.0]);
+        add(i + 1, [pair[0], pair[1]], [0.0, 1.0]);
     }
+    add(0, [nm[0] - beyond[0], nm[0]], [1.0; 2]);
+    add(last, [nm[last], nm[last] + beyond[1]], [1.0; 2]);
     weights
 }
 
@@ -245,8 +267,15 @@ mod tests {
         let photons = joules * 550e-9 / (6.626_070_15e-34 * 299_792_458.0);
         let expected = photons * f64::from(sensor.quantum_efficiency[1].at(550.0));
         let found = f64::from(plane.mean.pixel(0, 0)[1]);
-        // Three steps sum a hat to some percent only where its peak is cut; the response is linear over 2 nm.
-        assert!((found / expected - 1.0).abs() < 0.02, "{found} {expected}");
+        // The response is linear over 2 nm but for a node of its table.
+        assert!((found / expected - 1.0).abs() < 0.002, "{found} {expected}");
+        // Of any width: half a foot is the area of a hat.
+        for (foot, table) in [(0.2, vec![400.0, 549.9, 550.0, 550.1, 700.0]), (0.1, vec![400.0, 549.95, 550.0, 550.05, 700.0])] {
+            let light = even(5, &[0.0, 0.0, per_nm, 0.0, 0.0]);
+            let plane = focal_plane(&light, &Channels::Spectral(table), Place::Sensor, None, &sensor, 0.01).unwrap();
+            let found = f64::from(plane.mean.pixel(0, 0)[1]);
+            assert!((found / (expected * 0.5 * foot) - 1.0).abs() < 0.002, "{foot}: {found} {expected}");
+        }
         assert_eq!(plane.mean.pixel(0, 0), plane.mean.pixel(1, 0));
     }
 

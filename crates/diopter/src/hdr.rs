@@ -103,7 +103,7 @@ fn noise_of_mean(parts: impl Iterator<Item = (f32, [f32; 2])>) -> [f64; 2] {
 /// and where an exposure is not known.
 pub fn merge(raws: &[RawImage]) -> Result<RawImage, HdrError> {
     let error = |k: usize, found: String, expected: &str| HdrError { number: k + 1, found, expected: expected.into() };
-    let Some(first) = raws.first() else { return Err(error(0, "there is none".into(), "two or more pictures")) };
+    let Some(first) = raws.first() else { return Err(error(0, "there is none".into(), "at least one picture")) };
     let size = |r: &RawImage| [r.mosaic.width, r.mosaic.height];
     for (k, raw) in raws.iter().enumerate() {
         if size(raw) != size(first) {

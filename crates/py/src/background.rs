@@ -65,7 +65,7 @@ fn pool(threads: Option<usize>) -> Result<Arc<ThreadPool>, PythonError> {
 }
 
 /// Runs something long. `progress` is called with the fraction that is done (0 to 1), on the calling thread; what it raises stops the work, as
-/// Ctrl-C does.
+/// Ctrl-C does; with 1 when all is done.
 pub fn run<T: Send>(
     py: Python<'_>,
     threads: Option<usize>,
@@ -112,6 +112,9 @@ pub fn run<T: Send>(
                     }
                 }
             };
+            if let (None, Some(progress)) = (&failed, &progress) {
+                Python::attach(|py| progress.call1(py, (1.0,)))?;
+            }
             failed.map_or(Ok(result), Err)
         })
     })

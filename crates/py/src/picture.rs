@@ -5,9 +5,10 @@ use crate::background;
 use crate::errors::PythonError;
 use crate::files;
 use crate::raw::RawImage;
-use diopter::develop::{Recipe, SETTINGS};
-use diopter::image::{self, Encoding, exr, jpeg, png, tiff_file};
+use diopter::develop::{Developer, Recipe, SETTINGS};
+use diopter::image::{self, Encoding, PictureSource, exr, jpeg, png, tiff_file};
 use diopter::light::color::RgbSpace;
+use diopter::memory::{self, Bytes};
 use diopter::recipe_file;
 use numpy::PyReadonlyArrayDyn;
 use pyo3::prelude::*;
@@ -152,8 +153,17 @@ pub fn develop(
     let recipe = recipe(preset, recipe_file, &settings)?;
     let lut = diopter::recipe_file::lut(&recipe).map_err(PythonError::from)?;
     let raw = raw.get().raw.clone();
-    let picture = background::run(py, threads, None, |_| diopter::develop::develop(&raw, &recipe, lut))?;
-    Ok(Picture { picture: Arc::new(picture.map_err(PythonError::from)?) })
+    let picture = background::run(py, threads, None, |_| -> Result<_, PythonError> {
+        let developer = Developer::new(&raw, &recipe, lut)?;
+        let [width, height] = developer.size();
+        let needed = width as u64 * height as u64 * 3 * size_of::<f32>() as u64;
+        if let Some(free) = memory::available(None).filter(|free| needed > *free) {
+            let found = format!("a picture of {width}x{height} takes {}; {} are free", Bytes(needed), Bytes(free));
+            return Err(PythonError::value("resize", found, "a smaller picture"));
+        }
+        Ok(developer.whole())
+    })?;
+    Ok(Picture { picture: Arc::new(picture?) })
 }
 
 /// (name, unit, what is allowed, default, why) of every setting of the development.

@@ -33,6 +33,14 @@ pub fn scene_names() -> Vec<&'static str> {
     builtin::NAMES.iter().map(|n| n.0).collect()
 }
 
+/// Refuses what is not a number in rows of an array.
+fn all_finite(name: &str, values: &[f32], a_row: usize) -> PyResult<()> {
+    match values.iter().position(|v| !v.is_finite()) {
+        None => Ok(()),
+        Some(bad) => Err(PythonError::value(name, format!("{} in row {}", values[bad], bad / a_row), "finite numbers").into()),
+    }
+}
+
 /// A point or direction of three finite numbers.
 fn finite(name: &str, v: [f32; 3]) -> Result<Vec3, PythonError> {
     let v = Vec3::from_array(v);
@@ -232,11 +240,7 @@ impl Scene {
         let material = self.material_number(material)?;
         let (positions, shape) = slice(&vertices, "vertices", &[0, 3])?;
         let count = shape[0];
-        if let Some(bad) = positions.iter().position(|v| !v.is_finite()) {
-            return Err(
-                PythonError::value("vertices", format!("{} in row {}", positions[bad], bad / 3), "finite numbers, m").into()
-            );
-        }
+        all_finite("vertices", positions, 3)?;
         let (corners, _) = slice(&faces, "faces", &[0, 3])?;
         if let Some(bad) = corners.iter().position(|i| *i as usize >= count) {
             let expected = format!("numbers below {count}, the number of vertices");
@@ -249,11 +253,14 @@ impl Scene {
             ..Mesh::default()
         };
         if let Some(normals) = &normals {
-            let given = vec3(slice(normals, "normals", &[count, 3])?.0);
-            mesh.normals = given.into_iter().map(|n| n.try_normalize().unwrap_or(Vec3::Y)).collect();
+            let given = slice(normals, "normals", &[count, 3])?.0;
+            all_finite("normals", given, 3)?;
+            mesh.normals = vec3(given).into_iter().map(Vec3::normalize_or_zero).collect();
         }
         if let Some(uvs) = &uvs {
-            mesh.uvs[0] = slice(uvs, "uvs", &[count, 2])?.0.chunks_exact(2).map(Vec2::from_slice).collect();
+            let given = slice(uvs, "uvs", &[count, 2])?.0;
+            all_finite("uvs", given, 2)?;
+            mesh.uvs[0] = given.chunks_exact(2).map(Vec2::from_slice).collect();
         }
         let world_from_mesh = match transform {
             None => Affine3A::IDENTITY,

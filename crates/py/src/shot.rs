@@ -14,7 +14,7 @@ use diopter::lens::Prescription;
 use diopter::quantity::SpectralBands;
 use diopter::scene::Description;
 use diopter::sensor::Sensor;
-use diopter::shot::{Inputs, SceneCache, Shot, ShotError, ShotFile};
+use diopter::shot::{ExposureUse, Inputs, SceneCache, Shot, ShotError, ShotFile};
 use pyo3::prelude::*;
 use serde_json::Value;
 use std::sync::{Arc, Mutex};
@@ -63,8 +63,13 @@ impl Request {
         })
     }
 
-    /// The shot, focused and metered.
-    fn prepared(&self, watch: &ProgressReporter, warnings: &mut Vec<String>) -> Result<(Shot, Option<Report>), ShotError> {
+    /// The shot, focused and metered; refused where it is exposed and there is not enough memory for that.
+    fn prepared(
+        &self,
+        kept: Option<ExposureUse>,
+        watch: &ProgressReporter,
+        warnings: &mut Vec<String>,
+    ) -> Result<(Shot, Option<Report>), ShotError> {
         let mut warn = |text: &str| warnings.push(text.to_owned());
         if self.file.camera.dual_pixel {
             let expected = "whole pixels here: `shoot --dual-pixel` of the command line takes both photodiodes".into();
@@ -97,6 +102,9 @@ impl Request {
             Records::Luminance => shot.radiance = true,
             Records::Spectral(bands) => shot.spectral = Some(*bands),
         }
+        if let Some(kept) = kept {
+            shot.check_memory(kept, None)?;
+        }
         // The bar is the exposure's; these take moments.
         let quiet = ProgressReporter { cancel: watch.cancel, progress: &|_| () };
         let report = shot.focus(&quiet, &mut warn)?;
@@ -121,9 +129,12 @@ fn shot_file(settings: &str) -> Result<ShotFile, PythonError> {
         for (key, found) in keys.as_object().into_iter().flatten() {
             let alone = serde_json::json!({ section: { key: found } });
             if let Err(e) = serde_json::from_value::<ShotFile>(alone) {
-                // Of "invalid type: ..., expected ..." what is expected.
+                // Of "invalid type: ..., expected ..." what is expected, and of "... is not a time such as 1/125 s" that.
                 let told = e.to_string();
-                let expected = told.rsplit_once("expected ").map_or(&*told, |(_, expected)| expected);
+                let expected = told
+                    .rsplit_once("expected ")
+                    .or_else(|| told.split_once(" is not "))
+                    .map_or(&*told, |(_, expected)| expected);
                 return Err(PythonError::value(&format!("{section}.{key}"), found.to_string(), expected));
             }
         }
@@ -147,7 +158,7 @@ pub fn expose(
     let request = Request::new(settings, scene, lens, body, records)?;
     let taken = background::run(py, threads, progress, |watch| -> Result<_, ShotError> {
         let mut warnings = Vec::new();
-        let (shot, _) = request.prepared(watch, &mut warnings)?;
+        let (shot, _) = request.prepared(Some(ExposureUse::Plane), watch, &mut warnings)?;
         let plane = shot.expose(watch)?;
         Ok((plane, Arc::new(shot.sensor), warnings))
     })?;
@@ -170,7 +181,7 @@ pub fn shoot(
     let request = Request::new(settings, scene, lens, body, "electrons")?;
     let taken = background::run(py, threads, progress, |watch| -> Result<_, ShotError> {
         let mut warnings = Vec::new();
-        let (shot, _) = request.prepared(watch, &mut warnings)?;
+        let (shot, _) = request.prepared(Some(ExposureUse::Plane), watch, &mut warnings)?;
         let plane = shot.expose(watch)?;
         let raw = shot.read_out(&plane)?;
         let picture = shot.develop(&raw)?;
@@ -200,7 +211,7 @@ pub fn meter(
     let request = Request::new(settings, scene, lens, body, "electrons")?;
     let taken = background::run(py, threads, None, |watch| -> Result<_, ShotError> {
         let mut warnings = Vec::new();
-        let (shot, report) = request.prepared(watch, &mut warnings)?;
+        let (shot, report) = request.prepared(None, watch, &mut warnings)?;
         Ok((shot.facts(), report, warnings))
     })?;
     let (facts, report, warnings) = taken.map_err(PythonError::from)?;
