@@ -2,9 +2,9 @@
 
     python validation/mesh_speed.py bunny.obj suzanne.obj ... [--diopter target/release/diopter]
 
-Each mesh stands on a floor below a lamp and an even sky, 256 x 256, 32 samples, depth 8, both programs in red, green and blue. Needs numpy,
-OpenEXR and mitsuba (pip) and an LLVM that Mitsuba can use (DRJIT_LIBLLVM_PATH). Our seconds are those of the whole program, Mitsuba's those of
-mi.render.
+Each mesh stands on a floor below a lamp and an even sky, 256 x 256, 32 samples, depth 8, both programs in red, green and blue; the lamp reflects
+nothing, as lamps of Mitsuba do unless they say otherwise. Needs numpy, OpenEXR and mitsuba (pip) and an LLVM that Mitsuba can use
+(DRJIT_LIBLLVM_PATH). Our seconds are those of the whole program, Mitsuba's those of mi.render.
 """
 
 import argparse
@@ -29,7 +29,7 @@ LookAt 2 2 5  0 0.9 0  0 1 0
 Camera "perspective" "float fov" 35
 WorldBegin
 LightSource "infinite" "rgb L" [0.4 0.5 0.7]
-AttributeBegin AreaLightSource "diffuse" "rgb L" [12 10 8] Shape "plymesh" "string filename" "lamp.ply" AttributeEnd
+AttributeBegin Material "diffuse" "rgb reflectance" [0 0 0] AreaLightSource "diffuse" "rgb L" [12 10 8] Shape "plymesh" "string filename" "lamp.ply" AttributeEnd
 Material "diffuse" "rgb reflectance" [0.5 0.5 0.5] Shape "plymesh" "string filename" "floor.ply"
 Material "diffuse" "rgb reflectance" [0.7 0.35 0.2] Shape "plymesh" "string filename" "mesh.ply"
 """

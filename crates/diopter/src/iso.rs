@@ -79,18 +79,17 @@ impl Field<'_> {
     fn luminance_and_noise(&self, lux_seconds: f64) -> Result<[f64; 2], ShotError> {
         let mut recipe = Recipe::preset("plain")?;
         recipe.demosaic.method = Demosaic::Bilinear;
+        // So dark that white of the picture clips nothing: pixels do.
+        recipe.exposure.ev = -3.0;
         let picture = develop(&self.picture(lux_seconds)?, &recipe, None)?;
-        let rows = picture.pixels.data.as_chunks::<3>().0.iter().map(|p| {
-            let [r, g, b] = p.map(|v| f64::from(srgb_decode(v)));
-            let y = 0.2125 * r + 0.7154 * g + 0.0721 * b;
-            [y, r - y, b - y]
-        });
         let (mut n, mut sums, mut squares) = (0.0, [0.0; 3], [0.0; 3]);
-        for row in rows {
+        for codes in picture.pixels.data.as_chunks::<3>().0 {
+            let [r, g, b] = codes.map(|v| f64::from(srgb_decode(v)));
+            let y = 0.2125 * r + 0.7154 * g + 0.0721 * b;
             n += 1.0;
-            for k in 0..3 {
-                sums[k] += row[k];
-                squares[k] += row[k] * row[k];
+            for (k, v) in [y, r - y, b - y].into_iter().enumerate() {
+                sums[k] += v;
+                squares[k] += v * v;
             }
         }
         let variance = |k: usize| squares[k] / n - (sums[k] / n).powi(2);
@@ -152,8 +151,8 @@ pub fn measure(sensor: &Sensor, iso: f64) -> Result<Speeds, ShotError> {
     let range = [saturation * 1e-6, saturation * 0.99];
     let speed = |h: Option<f64>| h.map(|h| 10.0 / h);
     // Below where pixels clip, whose noise falls.
-    let mut unclipped = saturation;
-    while field.clipped(unclipped)? > MOST_CLIPPED {
+    let (stuck, mut unclipped) = (field.clipped(0.1 * saturation)?, saturation);
+    while field.clipped(unclipped)? > stuck + MOST_CLIPPED && unclipped > 0.2 * saturation {
         unclipped *= 0.95;
     }
     let noise = |ratio: f64| reaches(ratio, [range[0], unclipped], |h| field.signal_to_noise(h));
