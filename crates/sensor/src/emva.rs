@@ -13,6 +13,18 @@ use serde::Serialize;
 
 /// Least temporal variance that numbers tell, DN²: below, rounding hides the noise. Source: EMVA 1288, release 4.0, 8.1 (the absolute sensitivity threshold).
 const LEAST_VARIANCE_DN2: f64 = 0.24;
+/// That of rounding, DN².
+const ROUNDING_DN2: f64 = 1.0 / 12.0;
+
+/// Temporal dark noise, without that of rounding, e⁻, by the variance of the dark (DN², that of rounding included) and the system gain (DN/e⁻).
+pub fn dark_noise_e(dark_dn2: f64, gain_dn_per_e: f64) -> f64 {
+    (dark_dn2.max(LEAST_VARIANCE_DN2) - ROUNDING_DN2).sqrt() / gain_dn_per_e
+}
+
+/// The absolute sensitivity threshold, e⁻: what equals the noise beside its own. By the same. Source: EMVA 1288, release 4.0, eq. 26.
+pub fn threshold_e(dark_dn2: f64, gain_dn_per_e: f64) -> f64 {
+    dark_dn2.max(LEAST_VARIANCE_DN2).sqrt() / gain_dn_per_e + 0.5
+}
 
 /// What is measured, and how thoroughly.
 #[derive(Clone, Debug, PartialEq)]
@@ -308,14 +320,14 @@ pub fn measure(
     let dark_rate = sensor.dark_current.at(celsius) * (1.0 + sensor.hot_pixels.fraction * sensor.hot_pixels.factor);
     let dark_noise = (iso.read_noise_e.powi(2) + iso.row_noise_e.powi(2) + dark_rate * c.exposure_s).sqrt();
     let capacity = saturation_capacity(sensor.saturation_e(&iso), dark_noise);
-    let rounding = (iso.gain_e_per_dn * iso.digital_gain).powi(2) / 12.0;
-    let told_dn2 = ((dark_noise.powi(2) + rounding) / iso.gain_e_per_dn.powi(2)).max(LEAST_VARIANCE_DN2);
-    let threshold = (told_dn2.sqrt() * iso.gain_e_per_dn + 0.5) / seen;
+    let gain_dn_per_e = 1.0 / iso.gain_e_per_dn;
+    let dark_dn2 = (dark_noise * gain_dn_per_e).powi(2) + iso.digital_gain.powi(2) * ROUNDING_DN2;
+    let threshold = threshold_e(dark_dn2, gain_dn_per_e) / seen;
     // Hot pixels leak unevenly: an exponential deviates by its mean, twice that squared in all.
     let hot =
         sensor.hot_pixels.fraction * 2.0 * (sensor.hot_pixels.factor * sensor.dark_current.at(celsius) * c.exposure_s).powi(2);
     let sheet = Figures {
-        gain_dn_per_e: 1.0 / iso.gain_e_per_dn,
+        gain_dn_per_e,
         quantum_efficiency: seen,
         dark_noise_e: dark_noise,
         saturation_capacity_e: capacity,
@@ -365,10 +377,9 @@ pub fn measure(
     let linear = || points[..=saturated].iter().filter(|p| p.signal_dn <= limit);
     let gain = slope(linear().map(|p| (p.signal_dn, p.variance_dn2)));
     let responsivity = slope(linear().map(|p| (p.photons, p.signal_dn)));
-    let dark_dn2 = dark_variance.max(LEAST_VARIANCE_DN2);
     let quantum_efficiency = responsivity / gain;
     let saturation = quantum_efficiency * points[saturated].photons;
-    let threshold_photons = (dark_dn2.sqrt() / gain + 0.5) / quantum_efficiency;
+    let threshold_photons = threshold_e(dark_variance, gain) / quantum_efficiency;
 
     // Spatial.
     let mut stack = |bench: &mut Bench, photons: f64| -> Result<Spatial, SensorError> {
@@ -403,7 +414,7 @@ pub fn measure(
     let measured = Figures {
         gain_dn_per_e: gain,
         quantum_efficiency,
-        dark_noise_e: (dark_dn2 - 1.0 / 12.0).max(0.0).sqrt() / gain,
+        dark_noise_e: dark_noise_e(dark_variance, gain),
         saturation_capacity_e: saturation,
         threshold_photons,
         snr_max: saturation.sqrt(),

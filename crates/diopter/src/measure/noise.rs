@@ -14,15 +14,13 @@
 use super::fit::least_squares;
 use super::{MeasureError, Region};
 use diopter_image::RawImage;
+use diopter_sensor::emva;
 use serde::Serialize;
 
 /// Fraction of the samples that may be clipped.
 const MOST_CLIPPED: f64 = 0.001;
 /// Exposures of a pair may differ by this fraction of their mean.
 const MOST_DIFFERENCE: f64 = 0.05;
-/// Least variance that numbers tell, DN²; that of rounding, DN².
-const LEAST_VARIANCE_DN2: f64 = 0.24;
-const ROUNDING_DN2: f64 = 1.0 / 12.0;
 /// A pair of this fraction of the brightest one's signal may be dark.
 const MOST_DARK: f64 = 0.02;
 
@@ -150,11 +148,6 @@ fn pair(a: &RawImage, b: &RawImage, r: Region, channel: usize, name: &str) -> Re
     Ok(Pair { signal_dn, variance_dn2, snr, samples: count })
 }
 
-/// Electrons that equal the noise beside their own, by the variance of the dark (DN², that of rounding included) and the system gain (DN/e⁻). Source: EMVA 1288, release 4.0, eq. 26.
-pub fn threshold_e(dark_dn2: f64, gain_dn_per_e: f64) -> f64 {
-    dark_dn2.max(LEAST_VARIANCE_DN2).sqrt() / gain_dn_per_e + 0.5
-}
-
 /// The line through pairs: variance = dark + K · signal.
 fn transfer(name: &str, pairs: Vec<Pair>, white_dn: f64) -> Result<Transfer, MeasureError> {
     let place = format!("photon transfer of {name}");
@@ -190,10 +183,9 @@ fn transfer(name: &str, pairs: Vec<Pair>, white_dn: f64) -> Result<Transfer, Mea
     let is_wrong = dark.is_some_and(|d| d <= 0.0 || below_black) && darkest.signal_dn < MOST_DARK * brightest;
     let dark_offset_dn = is_wrong.then_some(darkest.signal_dn);
     let dark = if is_wrong { Some(darkest.variance_dn2) } else { dark.filter(|d| *d > 0.0) };
-    let told = dark.map(|d| d.max(LEAST_VARIANCE_DN2));
-    let dark_noise_e = told.map(|d| (d - ROUNDING_DN2).sqrt() / gain);
     let white_e = (white_dn - dark_offset_dn.unwrap_or(0.0)) / gain;
-    let dynamic_range_stops = told.map(|d| (white_e / threshold_e(d, gain)).log2());
+    let dark_noise_e = dark.map(|d| emva::dark_noise_e(d, gain));
+    let dynamic_range_stops = dark.map(|d| (white_e / emva::threshold_e(d, gain)).log2());
     Ok(Transfer { channel: name.into(), pairs, gain_dn_per_e: gain, dark_noise_e, dark_offset_dn, white_e, dynamic_range_stops })
 }
 

@@ -46,7 +46,7 @@ pub struct Field {
     /// Whether more than 0.2 % of its samples are clipped at white.
     pub saturated: bool,
     /// Whether a sixth of its samples or more are clipped at black, as where the signal is no larger than its noise: its ratio is then 0.
-    pub crushed: bool,
+    pub clipped_to_black: bool,
     /// Samples in each picture.
     pub samples: usize,
 }
@@ -264,7 +264,7 @@ fn field(planes: &[Plane], corners: &[DVec2; 4], density: f64) -> Result<Field, 
         incremental_gain: None,
         snr: ratio(signal, temporal_noise.unwrap_or(total.sqrt())),
         saturated: clipped as f64 > MOST_CLIPPED * n * pictures,
-        crushed: black as f64 > MOST_BLACK * n * pictures,
+        clipped_to_black: black as f64 > MOST_BLACK * n * pictures,
         samples,
     })
 }
@@ -298,7 +298,7 @@ fn weigh_by_gain(fields: &mut [Field]) {
             false => (brighter.1 - darker.1) / apart,
         };
         f.incremental_gain = Some(gain);
-        f.snr = if f.crushed { 0.0 } else { ratio(gain, f.temporal_noise.unwrap_or(f.total_noise)) };
+        f.snr = if f.clipped_to_black { 0.0 } else { ratio(gain, f.temporal_noise.unwrap_or(f.total_noise)) };
     }
 }
 

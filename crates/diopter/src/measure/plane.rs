@@ -98,6 +98,11 @@ pub struct Plane {
 }
 
 impl Plane {
+    /// What line widths and TV distortion count by, pixels: the shorter side, as the camera is held or not.
+    pub fn picture_height(&self) -> usize {
+        self.width.min(self.height)
+    }
+
     /// Value at a pixel; NaN where the channel was not sampled. The pixel must lie within the picture.
     pub fn at(&self, column: usize, row: usize) -> f64 {
         f64::from(self.values[row * self.width + column])

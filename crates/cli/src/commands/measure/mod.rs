@@ -267,7 +267,7 @@ fn transfer_sheet(raw: &diopter::image::RawImage, body: Option<&str>) -> anyhow:
         gain_dn_per_e,
         dark_noise_e,
         white_e,
-        dynamic_range_stops: (white_e / noise::threshold_e(dark_dn2, gain_dn_per_e)).log2(),
+        dynamic_range_stops: (white_e / emva::threshold_e(dark_dn2, gain_dn_per_e)).log2(),
     }))
 }
 

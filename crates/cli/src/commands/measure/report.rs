@@ -117,13 +117,12 @@ pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
     let all_lines = predicted.lines();
     let lines: Vec<&[f64]> = picks.iter().map(|k| all_lines[*k]).collect();
     let per_mm = Some(1.0 / pitch_mm);
-    let text = resolution::text("slanted-edges", &found, channel, per_mm, plane.width.min(plane.height))?
+    let text = resolution::text("slanted-edges", &found, channel, per_mm, plane.picture_height())?
         + &resolution::chain_text(&found, predictions)?;
     let heights = mtf50_figure(&found, &all_lines, predictions.iter().map(|p| p.height_mm).collect(), pitch_mm);
     let figures = [resolution::figure("slanted-edges", channel, per_mm, &shown, &lines), heights];
     page.section("Resolution", &figures, &text);
-    let mtf50 =
-        |e: &EdgeMtf| e.mtf50.map_or("-".to_owned(), |v| format!("{:.0} LW/PH", 2.0 * v * plane.width.min(plane.height) as f64));
+    let mtf50 = |e: &EdgeMtf| e.mtf50.map_or("-".to_owned(), |v| format!("{:.0} LW/PH", 2.0 * v * plane.picture_height() as f64));
     tile("MTF50, middle", mtf50(&found[0]), format!("{:.1} mm from the middle", height(&found[0]) * pitch_mm));
     tile("MTF50, outside", mtf50(&found[last]), format!("{:.1} mm from the middle", height(&found[last]) * pitch_mm));
 

@@ -87,14 +87,13 @@ pub fn run(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
                 value["mtf10_per_mm"] = json!(in_mm(e.mtf10));
                 value["frequencies_per_mm"] = json!(e.frequencies.iter().map(|f| f * per_mm).collect::<Vec<_>>());
             }
-            value["mtf50_line_widths_per_picture_height"] =
-                json!(e.mtf50.map(|f| 2.0 * f * plane.width.min(plane.height) as f64));
+            value["mtf50_line_widths_per_picture_height"] = json!(e.mtf50.map(|f| 2.0 * f * plane.picture_height() as f64));
             value
         })
         .collect();
     let value =
         json!({ "file": asked.file, "channel": channel.name(), "pitch_um": pitch_mm.map(|mm| 1000.0 * mm), "edges": value });
-    let mut told = text(&name_of(&asked.file), &edges, channel, per_mm, plane.width.min(plane.height))?;
+    let mut told = text(&name_of(&asked.file), &edges, channel, per_mm, plane.picture_height())?;
     if let Some(p) = &predicted {
         told.push_str(&if p.developed.is_empty() {
             chain_text(&edges, &p.chains)?
