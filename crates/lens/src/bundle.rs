@@ -147,13 +147,15 @@ impl Tracer {
         self.n[color][self.system.surfaces.len()]
     }
 
-    /// Place in the stop's own frame of a ray before the lens.
+    /// Place on the stop of a ray before the lens, from its vertex; x and y as the lens has them, however the stop is turned about its axis (a surface that is one, with an error of form).
     fn at_stop(&self, ray: TracedRay, color: usize) -> Option<DVec2> {
         let stop = self.system.stop;
         let mut place = None;
         let traced = self.system.trace_part(ray, &self.n[color], TraceDirection::ToFilm, Apertures::Ignore, 0..stop + 1, |e| {
             if e.surface == stop {
-                place = Some(self.system.surfaces[stop].to_local(e.point, e.direction).0.truncate());
+                let surface = &self.system.surfaces[stop];
+                let (at, up) = (surface.to_local(e.point, e.direction).0.truncate(), surface.upwards());
+                place = Some(DVec2::new(at.perp_dot(up), at.dot(up)));
             }
         });
         // What happens at the stop's own surface after the ray has met it does not matter.

@@ -30,7 +30,7 @@ impl Trace {
             let (before, after) = (index_before(system, i, n) * system.runs[i], n[i + 1] * system.runs[i + 1]);
             let diffractive =
                 s.diffractive.as_ref().map_or(0.0, |d| -d.path_per_phase(system.wavelength_mm(n)) * d.phase().curvatures()[1]);
-            let power = s.profile.curvature() * (after - before) + s.ideal_focal_length.map_or(0.0, |f| 1.0 / f) + diffractive;
+            let power = s.section_curvature() * (after - before) + s.ideal_focal_length.map_or(0.0, |f| 1.0 / f) + diffractive;
             u = (before * u - y * power) / after;
             heights.push(y);
             angles.push(u);
@@ -43,7 +43,8 @@ impl Trace {
         Trace::new(system, n, 1.0, 0.0)
     }
 
-    fn last(&self) -> (f64, f64) {
+    /// Height at the last surface, and slope behind it.
+    pub(crate) fn last(&self) -> (f64, f64) {
         (self.heights.last().copied().unwrap_or(0.0), self.angles.last().copied().unwrap_or(0.0))
     }
 }
@@ -213,7 +214,7 @@ impl FirstOrder {
 fn petzval_sum(system: &System, n: &[f64]) -> f64 {
     let of = |i: usize| {
         let (n0, n1) = (index_before(system, i, n) * system.runs[i], n[i + 1] * system.runs[i + 1]);
-        graded_petzval(system, i, n) - (n1 - n0) * system.surfaces[i].profile.curvature() / (n0 * n1)
+        graded_petzval(system, i, n) - (n1 - n0) * system.surfaces[i].section_curvature() / (n0 * n1)
     };
     (0..system.surfaces.len()).map(of).sum()
 }

@@ -72,6 +72,23 @@ impl PlacedSurface {
         }
     }
 
+    /// The lens's y across the axis of the surface, in the surface's own frame: how far it is turned about that axis. A unit vector.
+    pub(crate) fn upwards(&self) -> DVec2 {
+        match &self.frame {
+            None => DVec2::Y,
+            Some(f) => f.1.transform_vector3(DVec3::Y).truncate().normalize_or(DVec2::Y),
+        }
+    }
+
+    /// Curvature at the vertex in the lens's y–z section, 1/mm: of a surface with two by Euler's theorem as it is turned about its axis. How it is tilted does not count.
+    pub(crate) fn section_curvature(&self) -> f64 {
+        let up = self.upwards();
+        match self.frame.is_none() {
+            true => self.profile.curvature(),
+            false => self.profile.curvature_x() * up.x * up.x + self.profile.curvature() * up.y * up.y,
+        }
+    }
+
     /// Whether the rim and all apertures let a local point pass.
     #[inline]
     pub fn lets_through(&self, x: f64, y: f64) -> bool {

@@ -338,7 +338,17 @@ impl Bench<'_> {
 
     /// Axial colour, and lateral colour at some fields (degrees).
     pub fn color(&self, wavelengths: &[f64], reference_nm: f64, fields_deg: &[f64]) -> ColorCurves {
-        let focus = |nm: f64| self.first_order(nm).bfl * self.system.film_run();
+        // Where the axial point of the object is imaged, from the last vertex.
+        let focus = |nm: f64| {
+            let image = match self.object_distance.filter(|_| self.system.object_axis.is_none()) {
+                None => self.first_order(nm).bfl,
+                Some(d) => {
+                    let (y, u) = crate::paraxial::Trace::new(self.system, &self.system.indices(nm), d, 1.0).last();
+                    -y / u
+                }
+            };
+            image * self.system.film_run()
+        };
         let height = |field: f64, nm: f64| self.chief_beam(field, nm).map(|b| self.on_film(&b.image, 0.0).y);
         let lateral = |field: f64| {
             let reference = height(field, reference_nm);

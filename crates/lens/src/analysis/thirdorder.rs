@@ -29,16 +29,29 @@ pub struct ThirdOrder {
 }
 
 impl ThirdOrder {
-    /// `n`: indices at the reference wavelength; `dispersion`: n(short) − n(long) of each gap; `height`: marginal ray at the first
-    /// surface (mm, object at infinity); `slope`: tangent of the field angle.
-    pub fn of(system: &System, n: &[f64], dispersion: &[f64], height: f64, slope: f64) -> ThirdOrder {
+    /// `n`: indices at the reference wavelength; `dispersion`: n(short) − n(long) of each gap; `object_distance`: from the object to the first vertex, mm, `None` at infinity;
+    /// `height`: marginal ray in the entrance pupil, mm; `slope`: tangent of the field angle.
+    pub fn of(
+        system: &System,
+        n: &[f64],
+        dispersion: &[f64],
+        object_distance: Option<f64>,
+        height: f64,
+        slope: f64,
+    ) -> ThirdOrder {
         let axial = Trace::axial(system, n);
         let slanted = Trace::new(system, n, 0.0, 1.0);
         // The chief ray crosses the middle of the stop.
-        let chief_y = -slope * slanted.heights[system.stop] / axial.heights[system.stop];
-        let marginal = Trace::new(system, n, height, 0.0);
+        let entrance_pupil_z = slanted.heights[system.stop] / axial.heights[system.stop];
+        let chief_y = -slope * entrance_pupil_z;
+        // From the axial point of the object to the rim of the pupil.
+        let (marginal_y, marginal_slope) = match object_distance {
+            None => (height, 0.0),
+            Some(d) => (height * d / (d + entrance_pupil_z), height / (d + entrance_pupil_z)),
+        };
+        let marginal = Trace::new(system, n, marginal_y, marginal_slope);
         let chief = Trace::new(system, n, chief_y, slope);
-        let invariant = height * slope;
+        let invariant = n[0] * (slope * marginal_y - marginal_slope * chief_y);
         let signed = |i: usize| n[i] * system.runs[i];
         let surfaces = (0..system.surfaces.len())
             .map(|i| {
@@ -55,7 +68,7 @@ impl ThirdOrder {
                     return SurfaceSums::default();
                 }
                 let profile = &system.surfaces[i].profile;
-                let c = profile.curvature();
+                let c = system.surfaces[i].section_curvature();
                 let (y, y_bar) = (marginal.heights[i], chief.heights[i]);
                 let (u0, u1) = (marginal.angles[i], marginal.angles[i + 1]);
                 let a = n0 * (u0 + y * c);

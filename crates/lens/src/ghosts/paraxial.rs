@@ -47,7 +47,7 @@ impl ParaxialGhost {
         let (mut pupil, mut pupil_surface) = (f64::INFINITY, 0);
         walk(system, turns, |at, event| {
             let (place, curvature) = match at {
-                Some(i) => (system.surfaces[i].z, system.surfaces[i].profile.curvature()),
+                Some(i) => (system.surfaces[i].z, system.surfaces[i].section_curvature()),
                 None => (system.film_z, 0.0),
             };
             let length = (place - z) * event.run;

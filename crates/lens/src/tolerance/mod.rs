@@ -12,6 +12,7 @@ mod assess;
 mod compensate;
 mod compensator;
 mod parameter;
+mod passes;
 mod quantity;
 mod sheet;
 
@@ -452,6 +453,59 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn errors_of_form_of_a_surface_that_is_the_stop_keep_their_directions() {
+        let lens = embedded("triplet-50mm-f4").unwrap();
+        let stop = lens.surfaces.iter().position(|s| s.stop).unwrap();
+        assert!(!matches!(lens.surfaces[stop].glass.kind, crate::glass::GlassKind::Air), "a glass surface");
+        let t = toleranced(
+            &lens,
+            &format!(
+                "aperture = 5.6\nfields_deg = [0]\nfrequencies = [30]\n[[tolerance]]\nsurfaces = {}\nform = \"3/-(3)\"",
+                stop + 1
+            ),
+        );
+        let of = |direction: Direction, values: &[f64]| {
+            let wanted = |q: &Quantity| q.kind == QuantityKind::Mtf && q.direction == Some(direction);
+            values[t.quantities().iter().position(wanted).unwrap()]
+        };
+        let [along, across] = [t.sensitivity(0), t.sensitivity(1)];
+        let pair = |values: &[f64]| [Direction::Tangential, Direction::Sagittal].map(|d| of(d, values));
+        let ([pt, ps], [mt, ms]) = (pair(&along.plus), pair(&along.minus));
+        // The other sign exchanges the two sections of a round lens on its axis; at 45° they are alike.
+        assert!((pt - ps).abs() > 0.05, "{pt} {ps}");
+        assert!((pt - ms).abs() < 0.01 && (ps - mt).abs() < 0.01, "{pt} {ps} {mt} {ms}");
+        let [ct, cs] = pair(&across.plus);
+        assert!((ct - cs).abs() < 0.01, "{ct} {cs}");
+        // The focal length of the y–z section goes up with one sign, down with the other, and stays at 45°.
+        let efl = find(&t, QuantityKind::Efl);
+        let [plus, minus, middle] = [along.plus[efl], along.minus[efl], across.plus[efl]].map(|v| v - t.nominal()[efl]);
+        assert!(plus * minus < 0.0 && middle.abs() < 0.1 * plus.abs(), "{plus} {minus} {middle}");
+    }
+
+    #[test]
+    fn a_gap_that_light_passes_twice_is_one_for_compensators_and_elements() {
+        let lens = embedded("reflex-500mm-f8").unwrap();
+        let adjusted = |surface: usize| {
+            let t = toleranced(
+                &lens,
+                &format!(
+                    "fields_deg = [0]\nfrequencies = [10]\n[compensator]\ngap = [{{ surface = {surface}, by = 0.5 }}]\n[[tolerance]]\nsurfaces = 3\nthickness = 0.02"
+                ),
+            );
+            t.nominal()[find(&t, QuantityKind::Wavefront)]
+        };
+        assert!((adjusted(5) / adjusted(6) - 1.0).abs() < 1e-6 && adjusted(5) < 0.1, "{} {}", adjusted(5), adjusted(6));
+        let sheet = |elements: &str| {
+            let text = format!("fields_deg = [0]\n[[tolerance]]\nelements = {elements}\ndecenter = 0.02");
+            Toleranced::new(&lens, &ToleranceSheet::parse(&text, "s.toml").unwrap())
+                .err()
+                .map(|e| e.to_string())
+                .unwrap_or_default()
+        };
+        assert!(sheet("[[5, 6]]").contains("expected [5, 7]") && sheet("[[5, 7]]").is_empty(), "{}", sheet("[[5, 6]]"));
     }
 
     #[test]

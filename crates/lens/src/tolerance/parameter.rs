@@ -1,5 +1,6 @@
 //! What may differ from the design, and the lens that comes of it.
 
+use super::passes::Passes;
 use crate::glass::{C_NM, D_NM, F_NM, G_NM, Glass, GlassError, GlassKind};
 use crate::prescription::{Misalignment, Prescription};
 use crate::surface::Profile;
@@ -316,6 +317,7 @@ pub(crate) fn bend(profile: &Profile, change: impl Fn(f64) -> f64) -> Profile {
 pub(super) fn perturbed(p: &Prescription, parameters: &[Parameter], amounts: &[f64]) -> Result<Prescription, GlassError> {
     let mut lens = p.clone();
     let count = p.surfaces.len();
+    let passes = Passes::of(p);
     // What several parameters change together.
     let mut irregular = vec![[0.0f64; 2]; count];
     let mut glass = vec![[0.0f64; 2]; count];
@@ -323,21 +325,31 @@ pub(super) fn perturbed(p: &Prescription, parameters: &[Parameter], amounts: &[f
     for (parameter, &amount) in parameters.iter().zip(amounts).filter(|(_, a)| **a != 0.0) {
         match parameter.change {
             Change::Radius { surface } => {
-                let profile = &mut lens.surfaces[surface].profile;
-                *profile = bend(profile, |c| if c == 0.0 { 0.0 } else { c / (1.0 + c * amount) });
+                for pass in passes.of_face(surface) {
+                    let profile = &mut lens.surfaces[pass].profile;
+                    *profile = bend(profile, |c| if c == 0.0 { 0.0 } else { c / (1.0 + c * amount) });
+                }
             }
             Change::Curvature { surface } => {
-                let profile = &mut lens.surfaces[surface].profile;
-                *profile = bend(profile, |c| c + amount);
+                for pass in passes.of_face(surface) {
+                    let profile = &mut lens.surfaces[pass].profile;
+                    *profile = bend(profile, |c| c + amount);
+                }
             }
-            Change::Irregularity { surface, axis } => irregular[surface][(axis == Axis::Y) as usize] += amount,
+            Change::Irregularity { surface, axis } => {
+                passes.of_face(surface).for_each(|pass| irregular[pass][(axis == Axis::Y) as usize] += amount);
+            }
             Change::Gap { surface } => {
                 // Light that a mirror has turned runs through negative gaps.
-                lens.surfaces[surface].gap.values.iter_mut().flatten().for_each(|g| *g += amount * g.signum());
+                for pass in passes.of_gap(surface) {
+                    lens.surfaces[pass].gap.values.iter_mut().flatten().for_each(|g| *g += amount * g.signum());
+                }
             }
-            Change::Index { surface } => glass[surface][0] += amount,
-            Change::Abbe { surface } => glass[surface][1] += amount,
-            Change::SurfaceTilt { surface, axis } => lens.surfaces[surface].tilt[(axis == Axis::Y) as usize] += amount,
+            Change::Index { surface } => passes.of_gap(surface).for_each(|pass| glass[pass][0] += amount),
+            Change::Abbe { surface } => passes.of_gap(surface).for_each(|pass| glass[pass][1] += amount),
+            Change::SurfaceTilt { surface, axis } => {
+                passes.of_face(surface).for_each(|pass| lens.surfaces[pass].tilt[(axis == Axis::Y) as usize] += amount);
+            }
             Change::Decenter { first, last, axis } | Change::Tilt { first, last, axis } => {
                 let found = moved.iter().position(|m| (m.first, m.last) == (first, last));
                 let at = found.unwrap_or_else(|| {

@@ -37,6 +37,7 @@
 use super::amount::{Amount, Unit, amount};
 use super::compensator::Compensators;
 use super::parameter::{Axis, Change, Distribution, FRINGE_NM, Parameter, elements_of};
+use super::passes::Passes;
 use super::quantity::{Direction, Limit, QuantityKind};
 use crate::glass::GlassKind;
 use crate::prescription::{Prescription, PrescriptionError};
@@ -343,7 +344,21 @@ fn expand(entry: &Entry, p: &Prescription, out: &mut Vec<Parameter>) -> Result<(
         let (v, _) = amount("irregularity", a, Unit::Fringes, &[Unit::Fringes], "fringes, such as \"1 fringe\"")?;
         irregular = Some(v);
     }
-    for &i in surfaces.iter().filter(|i| acts(**i)) {
+    // The second pass of light through a face or a thickness has the error of the first.
+    let passes = Passes::of(p);
+    let (of_faces, of_gaps): (Vec<usize>, Vec<usize>) = (
+        surfaces.iter().copied().filter(|i| acts(*i) && (named || passes.is_first_of_face(*i))).collect(),
+        surfaces.iter().copied().filter(|i| named || passes.is_first_of_gap(*i)).collect(),
+    );
+    let again = |what: &str, i: usize, first: usize| {
+        format!("{what} {}: light passes it again, expected its first pass, {}", i + 1, first + 1)
+    };
+    let is_of_faces =
+        entry.radius.is_some() || power.is_some() || irregular.is_some() || entry.wedge.is_some() || entry.centring.is_some();
+    if let Some(&i) = of_faces.iter().find(|i| is_of_faces && !passes.is_first_of_face(**i)) {
+        return Err(again("surface", i, passes.face(i)));
+    }
+    for &i in &of_faces {
         let c = p.surfaces[i].profile.curvature();
         if let Some(a) = &entry.radius {
             let units = [Unit::Millimeters, Unit::Percent, Unit::Fringes];
@@ -418,7 +433,10 @@ fn expand(entry: &Entry, p: &Prescription, out: &mut Vec<Parameter>) -> Result<(
             let least = s.gap.values.iter().flatten().map(|g| g.abs()).fold(f64::INFINITY, f64::min);
             let stop = |i: usize| p.surfaces.get(i).is_some_and(|s| s.stop && s.profile == Profile::Plane);
             // A gap of 0 is contact or a dummy plane: there is nothing to get wrong.
-            if !film && least > 0.0 {
+            if !film && least > 0.0 && of_gaps.contains(&i) {
+                if !passes.is_first_of_gap(i) {
+                    return Err(again("gap after surface", i, passes.gap(i)));
+                }
                 if v >= least && !stop(i) && !stop(i + 1) {
                     let what = "expected less than the gap: the surfaces would meet";
                     return Err(format!("thickness tolerance {v} mm of the gap of {least} mm after surface {}: {what}", i + 1));
@@ -497,6 +515,11 @@ fn expand(entry: &Entry, p: &Prescription, out: &mut Vec<Parameter>) -> Result<(
         .map(|a| amount("tilt", a, Unit::Degrees, &[Unit::Degrees], "an angle, such as \"1 arcmin\""))
         .transpose()?;
     for [first, last] in elements {
+        let [from, to] = passes.whole([first, last]);
+        if [from, to] != [first, last] {
+            let whole = format!("expected [{}, {}], with all passes of light through its faces", from + 1, to + 1);
+            return Err(format!("element [{}, {}]: a part of a glass, {whole}", first + 1, last + 1));
+        }
         for axis in [Axis::X, Axis::Y] {
             if let Some((v, _)) = decenter {
                 push(Change::Decenter { first, last, axis }, v, Some(axis));

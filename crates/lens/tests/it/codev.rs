@@ -76,7 +76,7 @@ fn third_order_is_as_listed() {
     let system = System::at(&p, State::default());
     let n = system.indices(NM);
     let dispersion: Vec<f64> = system.indices(486.1).iter().zip(system.indices(656.3)).map(|(f, c)| f - c).collect();
-    let t = ThirdOrder::of(&system, &n, &dispersion, 25.0, 14f64.to_radians().tan());
+    let t = ThirdOrder::of(&system, &n, &dispersion, None, 25.0, 14f64.to_radians().tan());
     let listed: [[f64; 9]; 12] = [
         [-1.040587, 0.053227, -0.531277, -0.530672, -0.530370, 0.009048, -0.320428, 0.005463, -0.006825],
         [-0.002474, 0.078453, -0.633384, -0.080636, 0.195737, 0.852194, -0.017875, 0.188905, 0.002519],

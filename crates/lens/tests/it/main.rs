@@ -6,6 +6,7 @@ mod diffractive;
 mod files;
 mod formats;
 mod lens_files;
+mod misaligned;
 mod off_axis;
 mod packets;
 mod patents;

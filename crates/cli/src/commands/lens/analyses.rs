@@ -194,10 +194,11 @@ fn color(asked: &Bench, global: &GlobalFlags) -> anyhow::Result<()> {
     };
     let curves = table.bench().color(&wavelengths, table.reference, &table.fields);
     let mut t = format!("{}\n", table.title(&format!("colour, against {:.1} nm", table.reference)));
+    let cell = |v: f64| if v.is_finite() { format!("{v:.4}") } else { "-".into() };
     let heads: String = table.fields.iter().map(|f| format!(" {:>12}", format!("{f:.2}° µm"))).collect();
     writeln!(t, "  {:>8} {:>12}{heads}", "nm", "axial mm")?;
     for (i, nm) in wavelengths.iter().enumerate() {
-        let cells: String = curves.lateral.iter().map(|(_, v)| format!(" {:>12.4}", v[i] * 1e3)).collect();
+        let cells: String = curves.lateral.iter().map(|(_, v)| format!(" {:>12}", cell(v[i] * 1e3))).collect();
         writeln!(t, "  {nm:>8.1} {:>12.6}{cells}", curves.axial[i])?;
     }
     let lateral: Vec<Value> = curves.lateral.iter().map(|(f, v)| json!({ "field_deg": f, "height_mm": v })).collect();

@@ -139,11 +139,22 @@ impl Table {
         if let Some(bad) = fields.iter().find(|f| f.abs() > 120.0) {
             return Err(UsageError(anyhow!("field {bad}: expected an angle within 120 degrees")).into());
         }
-        Ok(Table { prescription, set, object_distance, fields, wavelengths, reference })
+        let table = Table { prescription, set, object_distance, fields, wavelengths, reference };
+        table.warn_of_dark_fields();
+        Ok(table)
     }
 
     pub(super) fn bench(&self) -> analysis::Bench<'_> {
         analysis::Bench { system: &self.set.system, object_distance: self.object_distance }
+    }
+
+    /// Names the fields that no light comes from, if there are others: most verbs leave them out.
+    fn warn_of_dark_fields(&self) {
+        let bench = self.bench();
+        let (lit, dark): (Vec<f64>, Vec<f64>) = self.fields.iter().partition(|f| bench.is_lit(**f, self.reference));
+        if !lit.is_empty() {
+            dark.iter().for_each(|f| warn(&no_light(*f).to_string()));
+        }
     }
 
     /// Warns where path differences are not those of the lens: through ideal lenses they are exact for parallel light alone.

@@ -43,7 +43,7 @@ impl Info {
         let third_field = table.third_order_field();
         let slope = third_field.to_radians().tan();
         let (f_number, widest) = (table.f_number(), table.set.widest * table.dispersion_of_focal_length());
-        let third = ThirdOrder::of(system, &n, &dispersion, height, slope);
+        let third = ThirdOrder::of(system, &n, &dispersion, table.object_distance, height, slope);
         let axis = bench.illumination(0.0, table.reference);
         let transmittance = axis.with_losses / axis.geometric;
         if axis.geometric <= 0.0 {

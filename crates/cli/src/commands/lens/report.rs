@@ -260,7 +260,7 @@ fn third_order(table: &Table, out: &mut Document) {
     let dispersion: Vec<f64> = system.indices(ends.0).iter().zip(system.indices(ends.1)).map(|(a, b)| a - b).collect();
     let field = table.third_order_field();
     let height = 0.5 * table.set.efl / table.set.f_number;
-    let third = ThirdOrder::of(system, &n, &dispersion, height, field.to_radians().tan());
+    let third = ThirdOrder::of(system, &n, &dispersion, table.object_distance, height, field.to_radians().tan());
     let head = [
         "",
         "spherical",

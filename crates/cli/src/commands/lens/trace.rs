@@ -2,6 +2,7 @@
 
 use super::bench::{Bench, Table, no_light};
 use super::{GlobalFlags, print_json};
+use crate::watch::warn;
 use diopter::lens::analysis::PupilPoint;
 use diopter::lens::ray::{Apertures, TraceDirection};
 use diopter::lens::trace::at_plane;
@@ -27,6 +28,11 @@ impl Trace {
         let bench = table.bench();
         let field = asked.field.as_ref().map_or(0.0, |f| f.0[0]);
         let nm = table.reference;
+        let several =
+            asked.field.as_ref().is_some_and(|f| f.0.len() > 1) || asked.wavelength.as_ref().is_some_and(|w| w.0.len() > 1);
+        if several {
+            warn(&format!("one ray is traced: that of field {field}° and {nm} nm, of those that are asked for"));
+        }
         let beam = bench.beam(field, nm).ok_or_else(|| no_light(field))?;
         let reach = bench.axial_reach(nm).ok_or_else(|| no_light(0.0))?;
         let at = PupilPoint::from(pupil) * reach;
