@@ -131,16 +131,27 @@ fn reaches(
     Ok(Some((low * high).sqrt()))
 }
 
-/// Measures a setting of a body. Fails on a speed that the body does not have.
-pub fn measure(sensor: &Sensor, iso: f64) -> Result<Speeds, ShotError> {
+/// Electrons that a lux second of D55 makes in a pixel of each channel, none leaking.
+fn electrons_per_lux_second(sensor: &Sensor) -> Vec<f64> {
     let d55 = cie::illuminant("D55").unwrap_or_else(|| unreachable!("D55 is embedded"));
     let light = |nm: f32| if (380.0..=780.0).contains(&nm) { d55.at(nm) } else { 0.0 };
     let lux = luminance(light);
     let [w, h] = sensor.pitch_mm().map(|p| p * 1e-3);
-    let responses = sensor.band_responses();
     let of =
         |r: &diopter_light::spectrum::Table| (380..=780).map(|nm| f64::from(r.at(nm as f32) * light(nm as f32))).sum::<f64>();
-    let per_lux_second: Vec<f64> = responses.iter().map(|r| of(r) / lux * w * h).collect();
+    sensor.band_responses().iter().map(|r| of(r) / lux * w * h).collect()
+}
+
+/// The saturation-based speed that a setting has by quantum efficiency, pixel size and what saturates it (78 / H, ISO 12232:2019), without noise. Fails on a speed that the body
+/// does not have.
+pub fn saturation_speed(sensor: &Sensor, iso: f64) -> Result<f64, ShotError> {
+    let strongest = electrons_per_lux_second(sensor).into_iter().fold(0.0f64, f64::max);
+    Ok(78.0 * strongest / sensor.saturation_e(&sensor.at_iso(iso)?))
+}
+
+/// Measures a setting of a body. Fails on a speed that the body does not have.
+pub fn measure(sensor: &Sensor, iso: f64) -> Result<Speeds, ShotError> {
+    let per_lux_second = electrons_per_lux_second(sensor);
     let field = Field { sensor, reading: Reading { white: "D55".into(), ..Reading::new(iso, 1) }, per_lux_second };
     // The slope well below saturation says where saturation is.
     let step = sensor.at_iso(iso)?;

@@ -46,6 +46,8 @@ const ENOUGH: f64 = 0.0105;
 /// Readings until two agree; within so much, EV.
 const MOST_READINGS: u64 = 16;
 const AGREE_EV: f64 = 0.02;
+/// Fraction of saturation that dark current may fill in a reading.
+const MOST_DARK: f64 = 0.25;
 /// Most that the exposure changes between two readings, and the longest it becomes, s.
 const MOST_CHANGE: f64 = 64.0;
 const LONGEST_S: f64 = 4096.0;
@@ -285,7 +287,7 @@ struct Cells {
     shape: f64,
     /// cd/m²; may be negative by noise.
     luminance: Vec<f64>,
-    /// Largest fraction of saturation that a channel has.
+    /// Largest fraction of saturation that a channel has, dark current included.
     level: Vec<f64>,
     /// Fraction of the cell that is no void.
     seen: Vec<f64>,
@@ -352,28 +354,39 @@ impl Meter<'_> {
         let mut time = shutter_for(10.0, t_number, iso);
         let mut last = None;
         let mut brightest = Vec::new();
+        let dark_e_per_s = self.sensor.mean_dark_current(self.reading.temperature_c);
+        // Beyond, dark current alone fills wells, and nothing is seen; of two readings the first, where numbers change over from one to the other.
+        let longest = if dark_e_per_s > 0.0 {
+            LONGEST_S.min(MOST_DARK * self.sensor.saturation_e(&step).min(self.sensor.full_well_e) / dark_e_per_s)
+        } else {
+            LONGEST_S
+        };
         for k in 0..MOST_READINGS {
             plane.mean.data.iter_mut().zip(&per_second).for_each(|(v, e)| *v = (f64::from(*e) * time) as f32);
             plane.facts.exposure_s = time;
             let reading = Reading { seed: self.reading.seed.wrapping_add(k << 32 | 0x3e7e5), ..self.reading.clone() };
             let raw = read_out(&plane, self.sensor, &reading, white).ok()?;
-            let mut cells = Cells::new(&raw, probe, scale, step.gain_e_per_dn / time);
+            let mut cells = Cells::new(&raw, probe, scale, step.gain_e_per_dn / time, dark_e_per_s * time / step.gain_e_per_dn);
+            if cells.is_blind(self.pattern, self.at) && brightest.is_empty() {
+                time /= MOST_CHANGE;
+                continue;
+            }
             cells.remember(&mut brightest);
             let wanted = self.wanted_time(&cells, time, t_number);
             let Some(wanted) = wanted else {
                 // Nothing but noise: look longer.
-                if time >= LONGEST_S {
+                if time >= longest {
                     return None;
                 }
-                time *= MOST_CHANGE;
+                time = (time * MOST_CHANGE).min(longest.max(time));
                 continue;
             };
             let agrees = (wanted / time).log2().abs() < AGREE_EV;
             last = Some(wanted);
-            if agrees {
+            if agrees || time >= longest && wanted > time {
                 break;
             }
-            time = wanted.clamp(time / MOST_CHANGE, time * MOST_CHANGE).min(LONGEST_S);
+            time = wanted.clamp(time / MOST_CHANGE, time * MOST_CHANGE).min(longest);
         }
         last.map(|t| ev100_of_setting(t_number, t, iso))
     }
@@ -476,8 +489,8 @@ impl Cells {
     }
 
     /// Cells as large as the colour pattern, at least 2 × 2 pixels. `scale`: cd/m² an electron a second stands for, a channel each;
-    /// `per_dn`: electrons a second that a DN stands for.
-    fn new(raw: &RawImage, probe: &Probe, scale: &[f64], per_dn: f64) -> Cells {
+    /// `per_dn`: electrons a second that a DN stands for; `dark_dn`: what dark current adds to a pixel on average, which covered pixels tell a camera (optical black).
+    fn new(raw: &RawImage, probe: &Probe, scale: &[f64], per_dn: f64, dark_dn: f64) -> Cells {
         let h = &raw.header;
         let side = h.cfa.columns().max(h.cfa.rows()).max(2);
         let (columns, rows) = ((raw.mosaic.width / side).max(1), (raw.mosaic.height / side).max(1));
@@ -496,12 +509,20 @@ impl Cells {
                     }
                 }
                 let mean: Vec<f64> = (0..n).map(|c| if counts[c] > 0.0 { sums[c] / counts[c] } else { 0.0 }).collect();
-                luminance.push(mean.iter().zip(scale).map(|(dn, s)| dn * per_dn * s).sum());
+                luminance.push(mean.iter().zip(scale).map(|(dn, s)| (dn - dark_dn) * per_dn * s).sum());
                 level.push(mean.iter().fold(0.0, |a: f64, m| a.max(m / (h.white_level - h.black_level))));
                 fractions.push(there / counts.iter().sum::<f64>().max(1.0));
             }
         }
         Cells { columns, rows, luminance, level, seen: fractions, ..Cells::of(probe) }
+    }
+
+    /// Whether most of what the pattern looks at is saturated: then it is not known how bright it is.
+    fn is_blind(&self, pattern: Pattern, at: [f64; 2]) -> bool {
+        let even = || self.seen.iter().map(|seen| f64::from(u8::from(*seen > 0.0))).collect();
+        let weights: Vec<f64> = self.weights(pattern, at).unwrap_or_else(even);
+        let saturated: f64 = weights.iter().zip(&self.level).filter(|(_, level)| **level >= SATURATED).map(|(w, _)| w).sum();
+        saturated > 0.5 * weights.iter().sum::<f64>()
     }
 
     /// What is saturated is at least as bright as a shorter reading found: without that, a small lamp in the dark would count for less and less as

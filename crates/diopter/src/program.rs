@@ -55,6 +55,8 @@ pub struct Limits {
     pub handheld_s: f64,
     /// Dials that click.
     pub step: Option<Step>,
+    /// By how much longer light comes in than the time's dial says, s.
+    pub beyond_mark_s: f64,
     /// T-stop over f-number of the lens: its dial has f-numbers.
     pub t_per_f: f64,
 }
@@ -80,6 +82,12 @@ pub fn choose(mode: Mode, ev100: f64, set: Chosen, limits: &Limits) -> Chosen {
     // The speed that makes a pair right, within its limits.
     let speed_for = |aperture: f64, time: f64| clamp(aperture * aperture / time * 100.0 / ev100.exp2(), limits.iso);
     let click = |marks: fn(Step) -> Vec<stops::Mark>, v: f64| limits.step.map_or(v, |s| stops::nearest(&marks(s), v).value);
+    let click_time = |t: f64| match limits.step {
+        Some(_) => click(stops::times, (t - limits.beyond_mark_s).max(f64::MIN_POSITIVE)) + limits.beyond_mark_s,
+        None => t,
+    };
+    // Hands need not hold longer than the shortest time there is.
+    let handheld_s = limits.handheld_s.max(limits.time_s[0]);
     let click_aperture = |t: f64| click(stops::apertures, t / limits.t_per_f) * limits.t_per_f;
     let (mut aperture, mut time);
     match mode {
@@ -89,8 +97,8 @@ pub fn choose(mode: Mode, ev100: f64, set: Chosen, limits: &Limits) -> Chosen {
         }
         Mode::AperturePriority => {
             aperture = set.aperture;
-            if automatic && shutter_for(ev100, aperture, iso) > limits.handheld_s {
-                iso = speed_for(aperture, limits.handheld_s);
+            if automatic && shutter_for(ev100, aperture, iso) > handheld_s {
+                iso = speed_for(aperture, handheld_s);
             }
             time = clamp(shutter_for(ev100, aperture, iso), limits.time_s);
         }
@@ -103,9 +111,9 @@ pub fn choose(mode: Mode, ev100: f64, set: Chosen, limits: &Limits) -> Chosen {
             aperture = clamp(wanted(iso), limits.aperture);
         }
         Mode::Program => {
-            let corner = (limits.aperture[0].powi(2) / limits.handheld_s).log2();
+            let corner = (limits.aperture[0].powi(2) / handheld_s).log2();
             if automatic && ev100 + ev_of_iso(iso) < corner {
-                iso = speed_for(limits.aperture[0], limits.handheld_s);
+                iso = speed_for(limits.aperture[0], handheld_s);
             }
             let above = (ev100 + ev_of_iso(iso) - corner).max(0.0);
             aperture = clamp(limits.aperture[0] * (0.25 * above).exp2(), limits.aperture);
@@ -123,9 +131,13 @@ pub fn choose(mode: Mode, ev100: f64, set: Chosen, limits: &Limits) -> Chosen {
     if mode == Mode::ShutterPriority {
         aperture = clamp(click_aperture(aperture), limits.aperture);
     } else if mode != Mode::Manual {
-        time = clamp(click(stops::times, time), limits.time_s);
+        time = clamp(click_time(time), limits.time_s);
     }
     if automatic {
+        // What the other dial was rounded by is made up for by the speed, where that had been raised.
+        if limits.step.is_some() && mode != Mode::Manual && iso > limits.iso[0] {
+            iso = speed_for(aperture, time);
+        }
         iso = clamp(click(stops::speeds, iso), limits.iso);
     }
     Chosen { aperture, time_s: time, iso }
@@ -142,6 +154,7 @@ mod tests {
         iso: [100.0; 2],
         handheld_s: 1.0 / 50.0,
         step: None,
+        beyond_mark_s: 0.0,
         t_per_f: 1.0,
     };
     const SET: Chosen = Chosen { aperture: 4.0, time_s: 1.0 / 125.0, iso: 100.0 };
@@ -183,6 +196,22 @@ mod tests {
         assert!(dark.iso == 1600.0 && dark.time_s > 1.0 / 50.0 && (ev(dark)).abs() < 1e-9);
         let m = choose(Mode::Manual, 9.0, SET, &limits);
         assert!((ev(m) - 9.0).abs() < 1e-9 && m.iso > 100.0);
+    }
+
+    #[test]
+    fn a_clicked_time_has_the_speed_that_goes_with_it() {
+        let limits = Limits { iso: [100.0, 25600.0], step: Some(Step::Full), ..LIMITS };
+        for handheld in 40..300 {
+            let limits = Limits { handheld_s: 1.0 / f64::from(handheld), ..limits };
+            for k in 0..40 {
+                let metered = 4.0 + 0.2 * f64::from(k);
+                for mode in [Mode::AperturePriority, Mode::Program, Mode::ShutterPriority] {
+                    let c = choose(mode, metered, SET, &limits);
+                    // Half a step of the dial that is left; the aperture's marks are not even.
+                    assert!((ev(c) - metered).abs() <= 0.5 + 0.03, "{mode:?} {handheld} {metered}: {c:?}");
+                }
+            }
+        }
     }
 
     #[test]

@@ -96,6 +96,9 @@ pub enum Mechanism {
     },
 }
 
+/// Shortest time that a shutter is set to, s.
+const SHORTEST_S: f64 = 1e-7;
+
 /// A shutter, set.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shutter {
@@ -172,9 +175,22 @@ impl Shutter {
         }
     }
 
-    /// Mean time that a pupil of a radius (1: the fully open lens) is open, s, as the light through it counts it.
+    /// By how much longer the middle row is open than is set, s: where rows are reset faster than they are read.
+    pub fn rows_beyond_s(&self) -> f64 {
+        match self.mechanism {
+            Mechanism::Rolling { reset_s, readout_s, .. } => 0.5 * (readout_s - reset_s),
+            Mechanism::Global | Mechanism::Leaf { .. } | Mechanism::FocalPlane { .. } => 0.0,
+        }
+    }
+
+    /// Mean time that a pupil of a radius (1: the fully open lens) is open, s, as the light through it counts it; where rows are open for different times, that of the middle one.
     pub fn effective_s(&self, pupil: f64) -> f64 {
-        let Mechanism::Leaf { ramp_s } = self.mechanism else { return self.exposure_s };
+        let ramp_s = match self.mechanism {
+            Mechanism::Leaf { ramp_s } => ramp_s,
+            Mechanism::Global | Mechanism::FocalPlane { .. } | Mechanism::Rolling { .. } => {
+                return self.exposure_s + self.rows_beyond_s();
+            }
+        };
         let moving = self.blades(ramp_s);
         // ∫ (total − 2ρr) 2ρ dρ / R² up to R, or to where the blades reach.
         let (total, reach) = (moving + moving.min(ramp_s), pupil.min(if ramp_s > 0.0 { moving / ramp_s } else { 1.0 }));
@@ -186,8 +202,10 @@ impl Shutter {
 
     /// The marked time, s, whose effective time is `effective_s` for a pupil of a radius (1: the fully open lens).
     pub fn marked_for(&self, effective_s: f64, pupil: f64) -> f64 {
-        if !matches!(self.mechanism, Mechanism::Leaf { .. }) {
-            return effective_s;
+        match self.mechanism {
+            Mechanism::Leaf { .. } => {}
+            Mechanism::Rolling { .. } => return (effective_s - self.rows_beyond_s()).max(SHORTEST_S),
+            Mechanism::Global | Mechanism::FocalPlane { .. } => return effective_s,
         }
         let effective = |marked: f64| Shutter { exposure_s: marked, ..*self }.effective_s(pupil);
         // The effective time grows with the marked one, and is never less.

@@ -230,6 +230,24 @@ impl Cfa {
         self.channels[(row % self.rows()) * self.columns + column % self.columns] as usize
     }
 
+    /// How many of the four nearest neighbours of a pixel of each channel see each channel, on average over the pattern: `[own][neighbour]`.
+    pub fn neighbours(&self) -> Vec<Vec<f64>> {
+        let n = self.channel_count();
+        let (mut counts, mut pixels) = (vec![vec![0.0; n]; n], vec![0.0; n]);
+        let (rows, columns) = (self.rows(), self.columns);
+        for row in 0..rows {
+            for column in 0..columns {
+                let own = self.channel_at(column, row);
+                pixels[own] += 1.0;
+                for (x, y) in [(column + 1, row), (column + columns - 1, row), (column, row + 1), (column, row + rows - 1)] {
+                    counts[own][self.channel_at(x, y)] += 1.0;
+                }
+            }
+        }
+        counts.iter_mut().zip(pixels).for_each(|(counts, pixels)| counts.iter_mut().for_each(|count| *count /= pixels));
+        counts
+    }
+
     /// Channel of a place that may lie outside the picture, where the pattern goes on.
     #[inline]
     pub fn channel_beyond(&self, column: i64, row: i64) -> usize {

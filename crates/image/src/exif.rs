@@ -76,9 +76,8 @@ pub(crate) fn exif_fields(f: &ExposureFacts) -> Vec<(u16, Field)> {
     }
     if let Some(ev) = f.metered_ev100 {
         fields.push((37379, Field::srational(round(ev - 5.0))));
-        // What was asked for; where everything is set by hand nothing was, but by a bracket.
-        let asked = if f.mode == "M" { 0.0 } else { f.compensation_ev };
-        fields.push((37380, Field::srational(round(asked + f.bracket_ev.unwrap_or(0.0)))));
+        // What was asked for; where everything is set by hand that is 0, but for a bracket.
+        fields.push((37380, Field::srational(round(f.compensation_ev + f.bracket_ev.unwrap_or(0.0)))));
         let pattern = match f.metering.as_str() {
             "" | "average" => 1,
             "centre-weighted" => 2,

@@ -13,6 +13,10 @@ use serde::Serialize;
 
 /// Least temporal variance that numbers tell, DN²: below, rounding hides the noise. Source: EMVA 1288, release 4.0, 8.1 (the absolute sensitivity threshold).
 const LEAST_VARIANCE_DN2: f64 = 0.24;
+/// Least quantum efficiency that is measured by light.
+const LEAST_EFFICIENCY: f64 = 1e-4;
+/// Most light that is shown, in saturation capacities: beyond, dark noise alone fills wells.
+const MOST_OF_CAPACITY: f64 = 20.0;
 /// That of rounding, DN².
 const ROUNDING_DN2: f64 = 1.0 / 12.0;
 
@@ -301,7 +305,14 @@ pub fn measure(
     let nm = c.nm.unwrap_or_else(|| f64::from((380..=780).max_by(most).unwrap_or(550)));
     let eta: Vec<f64> = sensor.quantum_efficiency.iter().map(|q| f64::from(q.at(nm as f32))).collect();
     let seen = sensor.mixed_by_crosstalk(&eta)[c.channel];
-    if !(380.0..=780.0).contains(&nm) || !(seen > 1e-4) {
+    if c.nm.is_none() && !(seen > LEAST_EFFICIENCY) {
+        return Err(wrong(
+            "quantum efficiency",
+            format!("{seen:.1e} where channel {} sees most", names[c.channel]),
+            format!("more than {LEAST_EFFICIENCY:.0e}: it is measured by light"),
+        ));
+    }
+    if !(380.0..=780.0).contains(&nm) || !(seen > LEAST_EFFICIENCY) {
         return Err(wrong(
             "wavelength",
             format!("{nm} nm"),
@@ -317,7 +328,7 @@ pub fn measure(
 
     // What the sheet says.
     let celsius = c.temperature_c.unwrap_or(sensor.temperature_c);
-    let dark_rate = sensor.dark_current.at(celsius) * (1.0 + sensor.hot_pixels.fraction * sensor.hot_pixels.factor);
+    let dark_rate = sensor.mean_dark_current(Some(celsius));
     let dark_noise = (iso.read_noise_e.powi(2) + iso.row_noise_e.powi(2) + dark_rate * c.exposure_s).sqrt();
     let capacity = saturation_capacity(sensor.saturation_e(&iso), dark_noise);
     let gain_dn_per_e = 1.0 / iso.gain_e_per_dn;
@@ -358,6 +369,13 @@ pub fn measure(
     // Up to where most pixels have reached the limit, but not all: beyond there is nothing to be learned.
     let limit = sensor.saturation_e(&iso);
     let last = (limit + limit.sqrt() + dark_noise) / capacity;
+    if !(last < MOST_OF_CAPACITY) {
+        return Err(wrong(
+            "dark noise",
+            format!("{dark_noise:.0} e- beside a full well of {limit:.0} e-"),
+            "less: light must show above it before the well is full".into(),
+        ));
+    }
     let fine = (1..).map(|i| 0.9 + 0.005 * f64::from(i)).take_while(|fraction| *fraction <= last);
     let mut points = Vec::new();
     for fraction in faint.chain(coarse).chain(fine) {

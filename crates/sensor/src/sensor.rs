@@ -60,6 +60,14 @@ impl DarkCurrent {
     }
 }
 
+/// Up to this factor ISO speeds are the same.
+pub(crate) const SAME_ISO: f64 = 1.001;
+
+/// By what numbers are multiplied at an ISO speed, of a body whose gain is digital above a limit.
+pub(crate) fn digital_gain(iso: f64, limit: f64) -> f64 {
+    if iso > limit * SAME_ISO { iso / limit } else { 1.0 }
+}
+
 /// Pixels that leak more than others.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct HotPixels {
@@ -133,6 +141,10 @@ pub struct Sensor {
     pub iso: Vec<IsoStep>,
     /// ISO from which on the pixel converts at its high gain, of a sensor with two.
     pub dual_gain_iso: Option<f64>,
+    /// ISO above which numbers are multiplied; `None` where all gain is analog.
+    pub digital_above_iso: Option<f64>,
+    /// ISO from which on other levels hold, black and white level there, DN; rising.
+    pub levels: Vec<[f64; 3]>,
     /// Photo response non-uniformity, as a fraction.
     pub prnu: f64,
     /// Dark signal non-uniformity of single pixels, e⁻.
@@ -194,6 +206,16 @@ impl Sensor {
         [self.format_mm[0] / self.pixels[0] as f64, self.format_mm[1] / self.pixels[1] as f64]
     }
 
+    /// Dark current of a pixel on average, hot ones among them, e⁻/s; at the sheet's temperature without one (°C).
+    pub fn mean_dark_current(&self, celsius: Option<f64>) -> f64 {
+        self.dark_current.at(celsius.unwrap_or(self.temperature_c)) * (1.0 + self.hot_pixels.fraction * self.hot_pixels.factor)
+    }
+
+    /// Whether its filters are red, green and blue and no others.
+    pub fn has_color_filters(&self) -> bool {
+        self.cfa.filters() == Cfa::linear_rgb().filters()
+    }
+
     /// The bands of a focal plane that this sensor reads: its channels, in electrons.
     pub fn bands(&self) -> Vec<Band> {
         let band = |name: &str| Band { name: name.into(), unit: BandUnit::Electrons };
@@ -221,19 +243,9 @@ impl Sensor {
     /// Signal of each channel on an even field, from the signals its pixels would have alone: neighbours of other colours
     /// add to it by crosstalk.
     pub fn mixed_by_crosstalk(&self, alone: &[f64]) -> Vec<f64> {
-        let (n, c) = (alone.len(), self.crosstalk);
-        let (mut sums, mut counts) = (vec![0.0; n], vec![0.0; n]);
-        let (rows, columns) = (self.cfa.rows(), self.cfa.columns());
-        for row in 0..rows {
-            for column in 0..columns {
-                let own = self.cfa.channel_at(column, row);
-                let beside = [(column + 1, row), (column + columns - 1, row), (column, row + 1), (column, row + rows - 1)];
-                let neighbours: f64 = beside.iter().map(|(x, y)| alone[self.cfa.channel_at(*x, *y)]).sum();
-                sums[own] += (1.0 - 4.0 * c) * alone[own] + c * neighbours;
-                counts[own] += 1.0;
-            }
-        }
-        sums.iter().zip(&counts).map(|(s, n)| s / n).collect()
+        let neighbours = self.cfa.neighbours();
+        let gained = |own: usize| -> f64 { neighbours[own].iter().zip(alone).map(|(count, v)| count * v).sum() };
+        alone.iter().enumerate().map(|(own, v)| (1.0 - 4.0 * self.crosstalk) * v + self.crosstalk * gained(own)).collect()
     }
 
     /// Contrast that pixel aperture, low-pass filter and crosstalk leave of a pattern along a row, at a frequency in cycles a
@@ -273,14 +285,20 @@ impl Sensor {
             Some(_) => b.read_noise_e,
             None => mix(a.read_noise_e, b.read_noise_e),
         };
+        // Levels change at a speed of their own, which need not be that of a setting.
+        let changed = self.levels.iter().rev().find(|l| l[0] <= iso * SAME_ISO && l[0] > a.iso * SAME_ISO);
+        let [black_level_dn, white_level_dn] = changed.map_or([a.black_level_dn, a.white_level_dn], |l| [l[1], l[2]]);
         Ok(IsoStep {
             iso,
             gain_e_per_dn: mix(a.gain_e_per_dn, b.gain_e_per_dn),
             read_noise_e,
             row_noise_e: mix(a.row_noise_e, b.row_noise_e),
-            black_level_dn: a.black_level_dn,
-            white_level_dn: a.white_level_dn,
-            digital_gain: mix(a.digital_gain, b.digital_gain),
+            black_level_dn,
+            white_level_dn,
+            digital_gain: match self.digital_above_iso {
+                Some(limit) => self::digital_gain(iso, limit),
+                None => mix(a.digital_gain, b.digital_gain),
+            },
         })
     }
 

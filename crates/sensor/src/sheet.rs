@@ -3,7 +3,9 @@
 mod responses;
 
 use self::responses::{Curve, Response, relative_responses, through};
-use crate::sensor::{BodyLens, DarkCurrent, HotPixels, IsoStep, Plenoptic, SecondReading, saturation_capacity};
+use crate::sensor::{
+    BodyLens, DarkCurrent, HotPixels, IsoStep, Plenoptic, SAME_ISO, SecondReading, digital_gain, saturation_capacity,
+};
 use crate::{Sensor, SensorError};
 use diopter_image::Cfa;
 use diopter_light::lattice::Arrangement;
@@ -252,6 +254,12 @@ impl Sensor {
             format!("{:?}", s.dark_current),
             "rows of rising temperature (°C) and a current above 0 (e-/s)",
         )?;
+        check.that(
+            s.hot_pixel_fraction == 0.0 || !s.dark_current.is_empty(),
+            "hot_pixel_fraction",
+            s.hot_pixel_fraction,
+            "dark_current beside it: hot pixels are those with more of it",
+        )?;
         check.positive(s.dark_current_doubling_c, "dark_current_doubling_c")?;
         check.that((-273.15..=200.0).contains(&s.temperature_c), "temperature_c", s.temperature_c, "-273 to 200 °C")?;
 
@@ -277,10 +285,10 @@ impl Sensor {
 
         let mut iso = iso_steps(s.iso, s.amplifier.as_ref(), &check)?;
         for step in &mut iso {
-            let here = s.levels.iter().rev().find(|l| l[0] <= step.iso * 1.001);
+            let here = s.levels.iter().rev().find(|l| l[0] <= step.iso * SAME_ISO);
             [step.black_level_dn, step.white_level_dn] = here.map_or([s.black_level_dn, s.white_level_dn], |l| [l[1], l[2]]);
-            if let Some(limit) = s.digital_above_iso.filter(|l| step.iso > l * 1.001) {
-                step.digital_gain = step.iso / limit;
+            if let Some(limit) = s.digital_above_iso {
+                step.digital_gain = digital_gain(step.iso, limit);
             }
             if s.read_noise_includes_rounding {
                 // Rounding after a digital gain is that of the numbers before it.
@@ -298,7 +306,13 @@ impl Sensor {
             )?;
         }
         if let Some(switch) = s.dual_gain_iso {
-            check.positive(switch, "dual_gain_iso")?;
+            let [lowest, highest] = [iso[0].iso, iso[iso.len() - 1].iso];
+            check.that(
+                switch > lowest && switch <= highest,
+                "dual_gain_iso",
+                switch,
+                &format!("above {lowest} and up to {highest}, as the settings go"),
+            )?;
         }
         let dark_noise = iso[0].read_noise_e.hypot(iso[0].row_noise_e);
         let full_well_e = match (s.full_well_e, s.saturation_capacity_e) {
@@ -404,6 +418,8 @@ impl Sensor {
             adc_bits: s.adc_bits,
             iso,
             dual_gain_iso: s.dual_gain_iso,
+            digital_above_iso: s.digital_above_iso,
+            levels: s.levels,
             prnu: s.prnu_percent / 100.0,
             dsnu_e: s.dsnu_e,
             dsnu_row_e: s.dsnu_row_e,

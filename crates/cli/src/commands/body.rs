@@ -71,7 +71,10 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
             // Quantisation is part of the floor.
             let rounding = i.gain_e_per_dn * i.digital_gain;
             let floor = (i.read_noise_e.powi(2) + i.row_noise_e.powi(2) + rounding.powi(2) / 12.0).sqrt();
-            (i, top, floor, (top / floor).log2(), 10.0 * top.log10())
+            // Of two readings each has shot noise of its own electrons.
+            let counted =
+                s.second_reading.as_ref().map_or(top, |r| top.min(r.switch_at * s.full_well_e).max(top * r.relative_exposure));
+            (i, top, floor, (top / floor).log2(), 10.0 * counted.log10())
         })
         .collect();
     let names = s.cfa.channel_names();
@@ -134,10 +137,14 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
         )?;
     }
     writeln!(t, "  converter     {} bit", s.adc_bits)?;
-    if s.prnu > 0.0 || s.dsnu_e > 0.0 {
+    if s.prnu > 0.0 || s.dsnu_e > 0.0 || s.dsnu_row_e > 0.0 || s.dsnu_column_e > 0.0 {
         // As the sheet says it; the division by 100 leaves a rounding error.
         let prnu = (s.prnu * 1e8).round() / 1e6;
-        writeln!(t, "  non-uniform   PRNU {prnu} %, DSNU {} e-", s.dsnu_e)?;
+        let lines = match s.dsnu_row_e > 0.0 || s.dsnu_column_e > 0.0 {
+            true => format!(", of rows {} e-, of columns {} e-", s.dsnu_row_e, s.dsnu_column_e),
+            false => String::new(),
+        };
+        writeln!(t, "  non-uniform   PRNU {prnu} %, DSNU {} e-{lines}", s.dsnu_e)?;
     }
     if dark > 0.0 {
         writeln!(t, "  dark current  {dark:.4} e-/s at {:.0} °C, {:.4} at 35 °C", s.temperature_c, s.dark_current.at(35.0))?;

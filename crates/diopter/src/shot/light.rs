@@ -19,6 +19,8 @@ use std::time::Instant;
 const SMALLEST_STOP: f64 = 22.0;
 /// Times that a dial has, s.
 const DIAL_TIMES_S: [f64; 2] = [1.0 / 8192.0, 32.0];
+/// Rounds in which an aperture and the effective time of a leaf shutter behind it come to agree.
+const EFFECTIVE_ROUNDS: usize = 30;
 /// A time that the camera chooses is said to be long from here on, s: the longest that cameras for 35 mm time by themselves.
 const LONG_S: f64 = 30.0;
 
@@ -132,8 +134,22 @@ impl Shot {
         // Without any light any exposure will do.
         let ev100 = metered.unwrap_or(0.0) - e.compensation_ev + self.baseline_ev;
         if chosen_by_camera {
-            let (limits, set) = (self.limits(), self.set());
-            let chosen = program::choose(e.mode, ev100, set, &limits);
+            let (mut limits, set) = (self.limits(), self.set());
+            let mut chosen = program::choose(e.mode, ev100, set, &limits);
+            if limits.step.is_some() && matches!(e.mode, Mode::AperturePriority | Mode::Program) {
+                // The dial clicks marked times.
+                let pupil = self.pupil_at(chosen.aperture);
+                let marked_s = self.shutter().marked_for(chosen.time_s, pupil);
+                limits.beyond_mark_s = self.shutter_of(marked_s).effective_s(pupil) - marked_s;
+                chosen = program::choose(e.mode, ev100, set, &limits);
+            }
+            // The time that is set by hand is the marked one; what it lets through follows from the aperture that is chosen for it.
+            if matches!(e.mode, Mode::Manual | Mode::ShutterPriority) {
+                for _ in 0..EFFECTIVE_ROUNDS {
+                    let time_s = self.shutter().effective_s(self.pupil_at(chosen.aperture));
+                    chosen = Chosen { time_s: set.time_s, ..program::choose(e.mode, ev100, Chosen { time_s, ..set }, &limits) };
+                }
+            }
             if (chosen.aperture / set.aperture - 1.0).abs() > 1e-9 {
                 self.set_t_number(chosen.aperture)?;
             }
@@ -195,12 +211,15 @@ impl Shot {
         let handheld_s = e.slowest_s.unwrap_or(1.0 / self.facts.focal_length_35mm_mm.max(1.0));
         let times_s: [f64; 2] = if e.dials { DIAL_TIMES_S } else { [1e-7, 1e6] };
         let sync_s = self.sync_s();
+        // Of light: where all rows are reset at once it comes in while they are read, too.
+        let beyond_s = self.shutter_of(0.0).rows_beyond_s();
         Limits {
             aperture: [widest * loss, smallest.max(widest) * loss],
-            time_s: times_s.map(|t| t.max(sync_s)),
+            time_s: times_s.map(|t| t.max(sync_s) + beyond_s),
             iso: e.auto_iso.unwrap_or([self.reading.iso; 2]),
             handheld_s,
             step: e.step,
+            beyond_mark_s: beyond_s,
             t_per_f: loss,
         }
     }
@@ -245,12 +264,21 @@ impl Shot {
 
     /// Radius of the pupil, 1 when the lens is fully open.
     pub(super) fn pupil(&self) -> f64 {
-        (self.camera.lens.widest_f_number() / self.facts.f_number).min(1.0)
+        self.pupil_at(self.facts.t_number)
+    }
+
+    fn pupil_at(&self, t_number: f64) -> f64 {
+        (self.camera.lens.widest_f_number() / self.f_number_of(t_number)).min(1.0)
     }
 
     /// The shutter as it is set.
     pub fn shutter(&self) -> Shutter {
-        Shutter { mechanism: self.timing.mechanism, exposure_s: self.shutter.unwrap_or(1.0) }
+        self.shutter_of(self.shutter.unwrap_or(1.0))
+    }
+
+    /// The shutter set to a time, s.
+    fn shutter_of(&self, exposure_s: f64) -> Shutter {
+        Shutter { mechanism: self.timing.mechanism, exposure_s }
     }
 
     /// Where the camera is, and what moves in it, during an exposure of a length, s.
@@ -338,18 +366,33 @@ impl Shot {
         let ev = k as f64 * step_ev - most;
         let reached = match vary {
             Vary::Aperture => {
-                let wanted = t_number * (-0.5 * ev).exp2();
+                // By the light that a leaf shutter lets through behind each aperture.
+                let open_s = |stop: f64| self.shutter().effective_s(self.pupil_at(stop));
+                let mut wanted = t_number;
+                for _ in 0..EFFECTIVE_ROUNDS {
+                    wanted = t_number * (-0.5 * (ev - (open_s(wanted) / open_s(t_number)).log2())).exp2();
+                }
+                let before_s = open_s(t_number);
                 let [widest, smallest] = self.limits().aperture;
                 if !(widest * 0.999..=smallest * 1.001).contains(&wanted) {
                     let f_number = self.f_number_of(wanted);
                     warn(&format!("the lens does not go to f/{f_number:.1}: this picture is exposed like another"));
                 }
                 self.set_t_number(wanted.clamp(widest, smallest))?;
-                2.0 * (t_number / self.facts.t_number).log2()
+                2.0 * (t_number / self.facts.t_number).log2() + (self.shutter().effective_s(self.pupil()) / before_s).log2()
             }
             Vary::Time => {
-                self.shutter = shutter.map(|t| t * ev.exp2());
-                ev
+                let (marked_s, pupil) = (shutter.unwrap_or(1.0), self.pupil());
+                let from_s = self.shutter_of(marked_s).effective_s(pupil);
+                self.shutter = Some(self.shutter_of(marked_s).marked_for(from_s * ev.exp2(), pupil));
+                let reached = (self.shutter().effective_s(pupil) / from_s).log2();
+                if (reached - ev).abs() > 0.05 {
+                    warn(&format!(
+                        "the shutter does not go so far: light comes in for {:.4} s at least, this picture is {reached:+.1} EV from the middle one, not {ev:+.1}",
+                        self.shutter().effective_s(pupil)
+                    ));
+                }
+                reached
             }
         };
         // What rounding leaves of a third of a stop is none.

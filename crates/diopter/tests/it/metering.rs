@@ -13,7 +13,7 @@ use diopter::scene::shape::{Mesh, Quad, Sphere};
 use diopter::scene::texture::Color;
 use diopter::scene::{Description, Object, Scene, Shape, builtin, load};
 use diopter::sensor::{Reading, Sensor};
-use diopter::shot::{Shot, read_environment};
+use diopter::shot::{Sequence, Shot, read_environment};
 use diopter::{Camera, CameraMotion, Film, Response, Settings, Shutter, expose};
 use glam::{Affine3A, Mat3, Vec3};
 use std::path::Path;
@@ -313,6 +313,149 @@ fn every_pattern_agrees_on_an_even_card_over_twenty_ev() {
     let meter = Meter { sensor: &sensor, reading: &reading, pattern: Pattern::Average, at: [0.5; 2], filter: 1.0 };
     let found = meter.read(&scene, &camera, &settings, &cie::illuminant("D65").unwrap(), &watch).unwrap();
     assert!(found.is_none_or(|ev| ev < -14.0), "{found:?}");
+}
+
+/// A shot of the flat field that is metered, and the EV of the scene that it was found to have.
+fn metered(toml: &str) -> (Shot, f64) {
+    let file = toml::from_str(toml).unwrap();
+    let mut shot = Shot::prepare(&file, &mut |_| ()).unwrap();
+    let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
+    shot.focus(&watch, &mut |_| ()).unwrap();
+    shot.meter(&watch, &mut |_| ()).unwrap();
+    let ev = shot.facts().metered_ev100.unwrap();
+    (shot, ev)
+}
+
+#[test]
+fn dark_current_is_no_light() {
+    // A warm sensor reads a night of EV −4, for which it counts for minutes, as a cold one.
+    for metering in ["average", "spot", "matrix"] {
+        let at = |celsius: f64| {
+            metered(&format!(
+                "[scene]\nfile = \"flat-field\"\nambient_ev = -4\n[camera]\nbody = \"imx490\"\nlens = \"thin\"\nfocal_length = \"6mm\"\n\
+                 [exposure]\naperture = \"f/2\"\ntemperature_c = {celsius}\nmetering = \"{metering}\"\n[render]\nsize = \"48x32\"\nspp = 1\n"
+            ))
+            .1
+        };
+        let cold = at(-60.0);
+        for celsius in [25.0, 50.0, 75.0] {
+            assert!((at(celsius) - cold).abs() < 0.1, "{metering}, {celsius} °C: EV {} for {cold}", at(celsius));
+        }
+    }
+}
+
+#[test]
+fn shutters_that_are_open_longer_than_they_are_set_to_expose_right() {
+    let exposed = |more: &str, shutter: &str| {
+        let toml = format!(
+            "[shutter]\n{shutter}\n[scene]\nfile = \"flat-field\"\nambient_ev = 12\n[camera]\nlens = \"thin\"\nfocal_length = \"50mm\"\n[exposure]\n{more}\n\
+             [render]\nsize = \"24x16\"\nspp = 16\n"
+        );
+        let (shot, _) = metered(&toml);
+        let watch = ProgressReporter { cancel: &AtomicBool::new(false), progress: &|_| () };
+        let plane = shot.expose(&watch).unwrap();
+        let mean = plane.mean.data.iter().skip(1).step_by(3).map(|v| f64::from(*v)).sum::<f64>() / (24.0 * 16.0);
+        // Of the same speed: electrons for ISO 100.
+        mean * shot.reading.iso / 100.0
+    };
+    let usual = exposed("aperture = \"f/4\"", "kind = \"global\"");
+    for (more, shutter) in [
+        ("aperture = \"f/4\"", "kind = \"leaf\""),
+        ("mode = \"S\"\nshutter = \"1/500\"", "kind = \"leaf\""),
+        ("mode = \"S\"\nshutter = \"1/30\"", "kind = \"leaf\""),
+        ("aperture = \"f/5.6\"\nshutter = \"1/500\"\niso = \"auto\"", "kind = \"leaf\""),
+        ("aperture = \"f/16\"", "kind = \"rolling\"\nreadout = \"10ms\"\nreset = \"global\""),
+    ] {
+        let found = exposed(more, shutter);
+        assert!((found / usual).log2().abs() < 0.05, "{more} {shutter}: {found} e- for {usual}");
+    }
+}
+
+/// A shot of the flat field at an EV.
+fn even(ev: f64, exposure: &str, shutter: &str) -> Shot {
+    metered(&format!(
+        "[shutter]\n{shutter}\n[scene]\nfile = \"flat-field\"\nambient_ev = {ev}\n[camera]\nlens = \"thin\"\nfocal_length = \"50mm\"\n[exposure]\n{exposure}\n\
+         [render]\nsize = \"24x16\"\nspp = 1\n"
+    ))
+    .0
+}
+
+/// EV by which a shot is exposed more than its scene asks for.
+fn over(shot: &Shot) -> f64 {
+    let facts = shot.facts();
+    let open_s = facts.shutter.as_ref().unwrap().effective_s;
+    let of_setting = (facts.t_number.powi(2) / open_s * 100.0 / shot.reading.iso).log2();
+    facts.metered_ev100.unwrap() - of_setting
+}
+
+#[test]
+fn the_camera_chooses_what_a_shutter_can_do() {
+    let global = "kind = \"rolling\"\nreadout = \"20ms\"\nreset = \"global\"";
+    // Rows are open for 10 ms in the middle at least: the aperture closes, and speeds stay low.
+    for (ev, exposure) in [(13.0, "mode = \"P\""), (8.0, "aperture = \"f/4\"\niso = \"auto\"\nslowest = \"1/200\"")] {
+        let shot = even(ev, exposure, global);
+        assert!(over(&shot).abs() < 0.1, "{exposure}: {} EV, {:?}", over(&shot), shot.facts());
+    }
+    // Dials click what is marked, whatever light that lets through.
+    for (ev, kind) in [(8.0, global), (13.0, "kind = \"leaf\""), (9.0, "kind = \"leaf\"")] {
+        let shot = even(ev, "mode = \"A\"\naperture = \"f/11\"\ndial = \"third\"", kind);
+        let thirds = 3.0 * shot.shutter().exposure_s.log2();
+        assert!((thirds - thirds.round()).abs() < 1e-6, "{kind}: 1/{} s", 1.0 / shot.shutter().exposure_s);
+        assert!(over(&shot).abs() < 0.2, "{kind}: {} EV", over(&shot));
+    }
+}
+
+#[test]
+fn brackets_step_in_light() {
+    for (ev, exposure, shutter) in [
+        (10.0, "aperture = \"f/11\"", "kind = \"rolling\"\nreadout = \"20ms\"\nreset = \"global\""),
+        (13.0, "aperture = \"f/11\"", "kind = \"leaf\""),
+        (13.0, "mode = \"S\"\nshutter = \"1/500\"", "kind = \"leaf\""),
+        (13.0, "aperture = \"f/11\"", "kind = \"focal-plane\""),
+    ] {
+        let mut shot = even(ev, exposure, shutter);
+        let series = Sequence::Bracket { count: 3, step_ev: 1.0, vary: None };
+        let light = |shot: &Shot| {
+            let facts = shot.facts();
+            (facts.shutter.as_ref().unwrap().effective_s / facts.t_number.powi(2)).log2()
+        };
+        let middle = light(&shot);
+        for (k, step) in [-1.0, 0.0, 1.0].into_iter().enumerate() {
+            series.turn(&mut shot, k, &mut |_| ()).unwrap();
+            let found = light(&shot) - middle;
+            assert!((found - step).abs() < 0.02, "{exposure}, {shutter}: {found} for {step}");
+            assert!((shot.facts().bracket_ev.unwrap() - found).abs() < 0.02, "{:?}", shot.facts().bracket_ev);
+        }
+    }
+}
+
+#[test]
+fn a_sensor_that_saturates_early_is_metered_all_the_same() {
+    // Speeds that the full well cannot give: the picture is white, but the light is what it is.
+    let folder = std::env::temp_dir().join(format!("diopter-metering-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let of = |iso: f64| {
+        let path = folder.join(format!("iso{iso}.toml"));
+        std::fs::write(
+            &path,
+            format!(
+                "name = \"early {iso}\"\nformat_mm = [36, 24]\npixels = [6000, 4000]\ncfa = \"mono\"\nresponse = {{ first_nm = 380, step_nm = 200, Y = [1, 1, 1] }}\n\
+                 peak_quantum_efficiency = 0.5\nfull_well_e = 10000\nadc_bits = 12\nblack_level_dn = 64\nwhite_level_dn = 4095\niso = [[{iso}, 2.5, 3.0]]\n[sources]\n"
+            ),
+        )
+        .unwrap();
+        metered(&format!(
+            "[scene]\nfile = \"flat-field\"\nambient_ev = 11\n[camera]\nbody = \"{}\"\nlens = \"thin\"\nfocal_length = \"50mm\"\n[exposure]\naperture = \"f/4\"\n\
+             [render]\nsize = \"48x32\"\nspp = 1\n",
+            path.display()
+        ))
+        .1
+    };
+    let right = of(2000.0);
+    for iso in [200.0, 25.0] {
+        assert!((of(iso) - right).abs() < 0.05, "ISO {iso}: EV {} for {right}", of(iso));
+    }
+    std::fs::remove_dir_all(folder).unwrap();
 }
 
 #[test]

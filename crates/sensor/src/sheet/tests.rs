@@ -16,6 +16,30 @@ iso = [[100, 2.5, 3.0]]
 "#;
 
 #[test]
+fn the_example_of_the_documentation_is_a_body() {
+    let page = include_str!("../../../../docs/bodies.md");
+    let example = page.split("```toml").nth(1).and_then(|rest| rest.split("```").next()).unwrap();
+    let sensor = Sensor::parse(example, "docs/bodies.md").unwrap();
+    assert_eq!((sensor.name.as_str(), sensor.iso.len(), sensor.dark_current.points.len()), ("my camera", 3, 2));
+}
+
+#[test]
+fn levels_and_digital_gain_change_where_the_sheet_says() {
+    let text = GOOD.replace("adc_bits = 12", "adc_bits = 14").replace(
+        "[[100, 2.5, 3.0]]",
+        "[[2000, 2.5, 3.0], [8000, 0.625, 2.0]]\ndigital_above_iso = 2500\nlevels = [[5000, 100, 16000]]",
+    );
+    let sensor = Sensor::parse(&text, "x").unwrap();
+    let at = |iso: f64| sensor.at_iso(iso).unwrap();
+    // Between settings, too: nothing is multiplied up to the limit, and what is beyond it by their ratio.
+    for (iso, gain, black) in
+        [(2000.0, 1.0, 64.0), (2400.0, 1.0, 64.0), (4000.0, 1.6, 64.0), (5000.0, 2.0, 100.0), (8000.0, 3.2, 100.0)]
+    {
+        assert!((at(iso).digital_gain - gain).abs() < 1e-12 && at(iso).black_level_dn == black, "{iso}: {:?}", at(iso));
+    }
+}
+
+#[test]
 fn contradictions_are_named() {
     assert!(Sensor::parse(GOOD, "x").is_ok());
     for (from, to, named) in [
@@ -33,6 +57,8 @@ fn contradictions_are_named() {
         ("[[100, 2.5, 3.0]]", "[[100, 2.5, 3.0], [200, 5.0, 3.0]]", "falls or stays"),
         ("full_well_e = 10000", "full_well_e = 2", "16 numbers"),
         ("Y = [1.0, 1.0, 1.0]", "Y = [0.0, 0.0, 0.0]", "a response somewhere"),
+        ("[sources]", "dual_gain_iso = 4000\n[sources]", "above 100 and up to 100"),
+        ("[sources]", "hot_pixel_fraction = 0.01\nhot_pixel_factor = 9\n[sources]", "dark_current beside it"),
         ("[sources]", "digital_above_iso = -5\n[sources]", "digital_above_iso"),
         ("[sources]", "levels = [[nan, 64, 4095]]\n[sources]", "levels"),
         ("[sources]", "[second_reading]\nrelative_exposure = 0.1\nfull_well_e = 10\nread_noise_e = 1\n[sources]", "more light"),

@@ -196,6 +196,7 @@ pub fn program(widest: FNumber, focal: LengthMm, iso: IsoChoice, output: &[PathB
         iso: iso.map_or([100.0, 6400.0], |i| [i; 2]),
         handheld_s: 1.0 / focal,
         step: None,
+        beyond_mark_s: 0.0,
         t_per_f: 1.0,
     };
     let set = Chosen { aperture: widest, time_s: 1.0 / focal, iso: limits.iso[0] };

@@ -345,7 +345,8 @@ pub fn equivalent(args: &FormatArgs, json: bool) -> anyhow::Result<()> {
     }
     let mut out = std::io::stdout();
     let row = |out: &mut std::io::Stdout, name: &str, f: f64, n: f64, iso: f64, (near, far): (f64, f64)| {
-        writeln!(out, "{name:<16} {f:>8.2} mm   f/{n:<6.2} ISO {iso:<8.0} sharp from {} to {}", metres(near), metres(far))
+        let iso = if iso < 10.0 { format!("{iso:.2}") } else { format!("{iso:.0}") };
+        writeln!(out, "{name:<16} {f:>8.2} mm   f/{n:<6.2} ISO {iso:<8} sharp from {} to {}", metres(near), metres(far))
     };
     row(&mut out, &args.from, args.focal_length.0, args.aperture.0, args.iso.0, limits[0])?;
     row(&mut out, &args.to, f, n, iso, limits[1])?;
