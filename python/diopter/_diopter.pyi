@@ -315,6 +315,7 @@ def read_out(
     serial: str | None = None,
     temperature_c: float | None = None,
     white: str | None = None,
+    color_sampling: str | None = None,
     threads: int | None = None,
 ) -> RawImage: ...
 def expected(

@@ -299,6 +299,7 @@ def read_out(
     serial: str | None = None,
     temperature_c: float | None = None,
     white: str | None = None,
+    color_sampling: str | None = None,
     threads: int | None = None,
 ) -> RawImage:
     """Reads a focal plane out: shot noise, dark current, read noise, gain, fixed pattern, converter.
@@ -310,9 +311,11 @@ def read_out(
         serial: Serial number of the body: what stays is drawn from it; the camera's without.
         temperature_c: What the camera was set to, or the data sheet's, without.
         white: Illuminant that the camera takes for white: D65, A ...; what the camera was set to, or D65, without.
+        color_sampling: ``"mosaic"``, one color a pixel by its filter, the default; or ``"full"``, red, green and blue in every pixel, which
+            makes the mosaic ``[row][column][3]`` and needs no demosaicing.
     """
     native = None if body is None else Body.of(body)._native
-    raw = _diopter.read_out(plane._native, native, iso, seed, serial, temperature_c, white, threads)
+    raw = _diopter.read_out(plane._native, native, iso, seed, serial, temperature_c, white, color_sampling, threads)
     return RawImage(raw)
 
 

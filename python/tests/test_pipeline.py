@@ -86,6 +86,18 @@ def test_read_out_and_develop(plane: dp.FocalPlane) -> None:
     assert picture.to_png().startswith(b"\x89PNG") and plane._repr_png_().startswith(b"\x89PNG")
 
 
+def test_full_color_has_three_numbers_a_pixel(plane: dp.FocalPlane) -> None:
+    full = dp.read_out(plane, iso=800, seed=3, color_sampling="full")
+    mosaic = dp.read_out(plane, iso=800, seed=3).mosaic
+    assert full.mosaic.shape == (*mosaic.shape, 3)
+    assert dp.develop(full).array.shape == (*mosaic.shape, 3)
+    # Green of a Bayer pattern's two greens and of all pixels is the same light.
+    green = (mosaic[0::2, 1::2].mean() + mosaic[1::2, 0::2].mean()) / 2
+    assert full.mosaic[..., 1].mean() == pytest.approx(green, rel=0.05)
+    with pytest.raises(dp.DiopterError, match="color_sampling"):
+        dp.read_out(plane, color_sampling="half")
+
+
 def test_the_expected_raw_image_is_the_mean_of_read_outs(plane: dp.FocalPlane) -> None:
     truth = dp.expected(plane, iso=800)
     raws = np.stack([dp.read_out(plane, iso=800, seed=seed).mosaic for seed in range(200)]).astype(float)

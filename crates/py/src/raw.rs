@@ -167,7 +167,7 @@ fn body_of(plane: &FocalPlane, body: Option<&Bound<'_, Body>>) -> Result<(Arc<Se
 
 /// Reads a plane out.
 #[pyfunction]
-#[pyo3(signature = (plane, body=None, iso=None, seed=1, serial=None, temperature_c=None, white=None, threads=None))]
+#[pyo3(signature = (plane, body=None, iso=None, seed=1, serial=None, temperature_c=None, white=None, color_sampling=None, threads=None))]
 pub fn read_out(
     py: Python<'_>,
     plane: &Bound<'_, FocalPlane>,
@@ -177,13 +177,19 @@ pub fn read_out(
     serial: Option<String>,
     temperature_c: Option<f64>,
     white: Option<String>,
+    color_sampling: Option<&str>,
     threads: Option<usize>,
 ) -> PyResult<RawImage> {
     let plane = plane.get();
+    let color_sampling = color_sampling
+        .map(|text| {
+            text.parse().map_err(|_| PythonError::value("color_sampling", format!("\"{text}\""), "\"mosaic\" or \"full\""))
+        })
+        .transpose()?;
     let (sensor, own) = body_of(plane, body)?;
     // What the camera was set to, if it is this body that reads.
     let set = Some(&plane.plane.facts).filter(|_| own);
-    let reading = AskedReading { iso, serial, temperature_c, white }.reading(&sensor, set, seed);
+    let reading = AskedReading { iso, serial, temperature_c, white, color_sampling }.reading(&sensor, set, seed);
     let white = white_point(&reading.white).map_err(PythonError::from)?;
     let raw = background::run(py, threads, None, |_| diopter::sensor::read_out(&plane.plane, &sensor, &reading, &white))?;
     Ok(RawImage { raw: Arc::new(raw.map_err(PythonError::from)?) })
@@ -207,7 +213,7 @@ pub fn expected<'py>(
     let plane = plane.get();
     let (sensor, own) = body_of(plane, body)?;
     let set = Some(&plane.plane.facts).filter(|_| own);
-    let reading = AskedReading { iso, serial, temperature_c, white: None }.reading(&sensor, set, 1);
+    let reading = AskedReading { iso, serial, temperature_c, ..Default::default() }.reading(&sensor, set, 1);
     let (exposed, size) = (&plane.plane, [plane.plane.width(), plane.plane.height()]);
     let rows = background::run(py, threads, None, |_| -> Result<_, SensorError> {
         let reader =

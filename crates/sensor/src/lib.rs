@@ -20,7 +20,7 @@ pub mod read_out;
 mod sensor;
 mod sheet;
 
-pub use read_out::{AskedReading, ReadOut, Reading, Window, read_out};
+pub use read_out::{AskedReading, ColorSampling, ReadOut, Reading, Window, read_out};
 pub use sensor::{BodyLens, DarkCurrent, HotPixels, IsoStep, Plenoptic, SecondReading, Sensor, TwoStage, saturation_capacity};
 
 /// What can be wrong with a sensor or what is asked of it.

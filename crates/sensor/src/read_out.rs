@@ -12,9 +12,33 @@ use crate::pattern::Pattern;
 use crate::sensor::{IsoStep, SecondReading};
 use crate::{Sensor, SensorError};
 use diopter_image::focal_plane::{Band, BandUnit};
-use diopter_image::{ExposureFacts, FocalPlane, Raster, RawHeader, RawImage, RowTimes};
+use diopter_image::{Cfa, ExposureFacts, FocalPlane, Raster, RawHeader, RawImage, RowTimes};
 use diopter_light::spectrum::Table;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Which colours each pixel of a picture is read in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ColorSampling {
+    /// That of its filter, as the colour filter array says.
+    #[default]
+    Mosaic,
+    /// Red, green and blue, as three chips, stacked photodiodes or pixel shift read them: a photosite of each colour, with noise and a fixed
+    /// pattern of its own, in the same place and at the same time. Nothing is demosaiced.
+    Full,
+}
+
+impl std::str::FromStr for ColorSampling {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "mosaic" => Ok(ColorSampling::Mosaic),
+            "full" => Ok(ColorSampling::Full),
+            _ => Err(format!("\"{text}\" is neither mosaic nor full")),
+        }
+    }
+}
 
 /// How a sensor is read.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,6 +53,8 @@ pub struct Reading {
     pub temperature_c: Option<f64>,
     /// Name of the illuminant taken for white.
     pub white: String,
+    /// Which colours each pixel is read in.
+    pub color_sampling: ColorSampling,
 }
 
 impl Reading {
@@ -37,7 +63,14 @@ impl Reading {
 
     /// Reads at an ISO speed with a seed; D65, the sheet's temperature, the first serial number.
     pub fn new(iso: f64, seed: u64) -> Self {
-        Reading { iso, seed, serial: Self::FIRST_SERIAL.into(), temperature_c: None, white: "D65".into() }
+        Reading {
+            iso,
+            seed,
+            serial: Self::FIRST_SERIAL.into(),
+            temperature_c: None,
+            white: "D65".into(),
+            color_sampling: ColorSampling::Mosaic,
+        }
     }
 }
 
@@ -52,6 +85,8 @@ pub struct AskedReading {
     pub temperature_c: Option<f64>,
     /// Illuminant that is taken for white.
     pub white: Option<String>,
+    /// Which colours each pixel is read in.
+    pub color_sampling: Option<ColorSampling>,
 }
 
 impl AskedReading {
@@ -64,6 +99,7 @@ impl AskedReading {
         Reading {
             serial: or_set(&self.serial, set.map(|facts| &facts.serial), usual.serial),
             temperature_c: self.temperature_c.or(set.and_then(|facts| facts.temperature_c)),
+            color_sampling: self.color_sampling.unwrap_or_default(),
             white: or_set(&self.white, set.map(|facts| &facts.white), usual.white),
             ..usual
         }
@@ -83,6 +119,9 @@ pub struct Window<'a> {
 pub struct ReadOut<'a> {
     sensor: &'a Sensor,
     step: IsoStep,
+    /// Numbers a pixel: 1 of a mosaic, as many as channels where each pixel is read in all.
+    samples: usize,
+    /// Numbers a row.
     width: usize,
     height: usize,
     /// How, with the temperature settled.
@@ -120,7 +159,7 @@ pub struct Expected {
 
 impl<'a> ReadOut<'a> {
     /// Prepares to read a plane of a size that was exposed for a time. Fails when the ISO is outside the body's, the temperature outside
-    /// −273.15 to 200 °C, or the bands are not this sensor's channels in electrons.
+    /// −273.15 to 200 °C, the bands are not this sensor's channels in electrons, or all colours are asked of a sensor whose filters aren't red, green and blue.
     pub fn new(
         sensor: &'a Sensor,
         reading: &Reading,
@@ -145,21 +184,38 @@ impl<'a> ReadOut<'a> {
                 expected: "-273 to 200 °C".into(),
             });
         }
+        let samples = match reading.color_sampling {
+            ColorSampling::Mosaic => 1,
+            ColorSampling::Full if sensor.has_color_filters() => sensor.cfa.channel_count(),
+            ColorSampling::Full => {
+                return Err(SensorError::Range {
+                    what: "color sampling".into(),
+                    found: format!("full, of {} with {}", sensor.name, sensor.cfa.channel_names().join(", ")),
+                    expected: "mosaic, or a sensor with red, green and blue filters".into(),
+                });
+            }
+        };
         let (full_e, well_first) = (sensor.saturation_e(&step), sensor.is_well_first(&step));
         Ok(ReadOut {
             dark_e_per_s: sensor.dark_current.at(celsius),
             exposure_s: exposure_s.max(0.0),
             lines: None,
-            pattern: Pattern::new(sensor, &reading.serial, width),
+            pattern: Pattern::new(sensor, &reading.serial, width * samples),
             well_e: if well_first { sensor.full_well_e } else { f64::INFINITY },
             full_e: if well_first { full_e } else { f64::INFINITY },
             reading: Reading { temperature_c: Some(celsius), ..reading.clone() },
             white_level: sensor.white_level_dn(&step),
             step,
             sensor,
-            width,
+            samples,
+            width: width * samples,
             height,
         })
+    }
+
+    /// Numbers a row of what is read: pixels, times channels where each pixel is read in all.
+    pub fn numbers_per_row(&self) -> usize {
+        self.width
     }
 
     /// Lets each row (or column) gather dark current for as long as it is open by the facts of the plane. Of a sensor whose rows are reset all
@@ -171,12 +227,12 @@ impl<'a> ReadOut<'a> {
         self
     }
 
-    /// Mean electrons of dark current in a pixel that leaks as the mean does.
+    /// Mean electrons of dark current in a pixel that leaks as the mean does; `column` counts the numbers of a row.
     fn dark_e(&self, column: usize, row: usize) -> f64 {
         let seconds = match &self.lines {
             None => self.exposure_s,
             Some(lines) => {
-                let (open, close) = lines.of(if lines.columns { column } else { row });
+                let (open, close) = lines.of(if lines.columns { column / self.samples } else { row });
                 (close - open).max(0.0)
             }
         };
@@ -190,7 +246,7 @@ impl<'a> ReadOut<'a> {
         let rounding = step.digital_gain.powi(2) / 12.0;
         let floor = (step.read_noise_e.powi(2) + step.row_noise_e.powi(2)) / step.gain_e_per_dn.powi(2) + rounding;
         RawHeader {
-            cfa: sensor.cfa.clone(),
+            cfa: if self.samples == 1 { sensor.cfa.clone() } else { Cfa::linear_rgb() },
             bits: sensor.adc_bits,
             black_level: step.black_level_dn,
             white_level: self.white_level,
@@ -216,8 +272,12 @@ impl<'a> ReadOut<'a> {
         }
     }
 
-    /// Mean electrons of light in a row of the mosaic, crosstalk included. The window must hold the row and its neighbours.
+    /// Mean electrons of light in the photosites of a row, crosstalk included. The window must hold the row and its neighbours.
     fn light(&self, window: &Window, row: usize, to: &mut [f64]) {
+        if self.samples == 1 { self.light_of_mosaic(window, row, to) } else { self.light_in_all_channels(window, row, to) }
+    }
+
+    fn light_of_mosaic(&self, window: &Window, row: usize, to: &mut [f64]) {
         let bands = self.sensor.cfa.channel_count();
         let line = |r: usize| &window.data[(r - window.first) * self.width * bands..][..self.width * bands];
         let alone = |r: usize, c: usize| f64::from(line(r)[c * bands + self.sensor.cfa.channel_at(c, r)]);
@@ -237,6 +297,26 @@ impl<'a> ReadOut<'a> {
                 let (left, right) = (c.saturating_sub(1), (c + 1).min(self.width - 1));
                 let gained = alone(row, left) + alone(row, right) + alone(above, c) + alone(below, c);
                 to[c] = (1.0 - 4.0 * fraction) * alone(row, c) + fraction * gained;
+            }
+        }
+    }
+
+    /// The neighbours of a photosite have the colours that they have in the mosaic.
+    fn light_in_all_channels(&self, window: &Window, row: usize, to: &mut [f64]) {
+        let line = |r: usize| &window.data[(r - window.first) * self.width..][..self.width];
+        to.iter_mut().zip(line(row)).for_each(|(to, v)| *to = f64::from(*v));
+        let fraction = self.sensor.crosstalk;
+        if fraction > 0.0 {
+            let (n, neighbours) = (self.samples, self.sensor.cfa.neighbours());
+            let (above, below) = (row.saturating_sub(1), (row + 1).min(self.height - 1));
+            for (x, to) in to.chunks_mut(n).enumerate() {
+                let (left, right) = (x.saturating_sub(1), (x + 1).min(self.width / n - 1));
+                let around = [&line(row)[left * n..], &line(row)[right * n..], &line(above)[x * n..], &line(below)[x * n..]];
+                let mean = |channel: usize| around.iter().map(|pixel| f64::from(pixel[channel])).sum::<f64>() / 4.0;
+                for (own, to) in to.iter_mut().enumerate() {
+                    let gained: f64 = neighbours[own].iter().enumerate().map(|(channel, count)| count * mean(channel)).sum();
+                    *to = (1.0 - 4.0 * fraction) * *to + fraction * gained;
+                }
             }
         }
     }
@@ -425,12 +505,12 @@ fn bloom(electrons: &mut [f32], width: usize, full_well: f32) {
 pub fn read_out(plane: &FocalPlane, sensor: &Sensor, reading: &Reading, white: &Table) -> Result<RawImage, SensorError> {
     let (width, height) = (plane.width(), plane.height());
     let reader = ReadOut::new(sensor, reading, [width, height], &plane.bands, plane.facts.exposure_s)?.with_rows_of(&plane.facts);
-    let mut mosaic = Raster::<u16>::new(width, height, 1);
+    let mut mosaic = Raster::<u16>::new(reader.width, height, 1);
     let window = Window { first: 0, data: &plane.mean.data };
     match sensor.blooming {
         false => reader.rows(&window, 0, &mut mosaic.data),
         true => {
-            let mut electrons = vec![0.0; width * height];
+            let mut electrons = vec![0.0; reader.width * height];
             reader.electrons(&window, 0, &mut electrons);
             reader.bloom(&mut electrons);
             reader.numbers(0, &electrons, &mut mosaic.data);

@@ -335,7 +335,7 @@ impl Darkroom {
             }
             None => Shot::prepare(&file, &mut quiet).map_err(failed)?,
         };
-        shot.denoise_pictures(true, &mut quiet).map_err(failed)?;
+        shot.prepare_pictures(true, &mut quiet).map_err(failed)?;
         let needed = shot.bytes_needed(ExposureUse::ReadOut);
         if needed > MOST_BYTES {
             let found = format!("that takes {:.1} GB", needed as f64 / 1e9);

@@ -16,7 +16,9 @@ pub fn numbers(live: &Live, place: [f64; 2]) -> Value {
     let electrons: serde_json::Map<String, Value> =
         live.plane.bands.iter().zip(live.plane.mean.pixel(x, y)).map(|(b, v)| (b.name.clone(), json!(v))).collect();
     let h = &live.raw.header;
-    let (column, row) = (x.min(live.raw.mosaic.width - 1), y.min(live.raw.mosaic.height - 1));
+    let ([width, height], samples) = (live.raw.size(), h.cfa.samples_per_pixel());
+    // Of a pixel that has all channels, green.
+    let (column, row) = (x.min(width - 1) * samples + samples / 2, y.min(height - 1));
     let dn = live.raw.mosaic.data[row * live.raw.mosaic.width + column];
     let film = film_point(live, place);
     json!({

@@ -5,7 +5,7 @@ use super::{Raw, TruthLayout};
 use crate::effect::Typed;
 use clap::Subcommand;
 use diopter::quantity::{FNumber, Iso, Seconds};
-use diopter::sensor::AskedReading;
+use diopter::sensor::{AskedReading, ColorSampling};
 use diopter::shot::flag_values::stops;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -35,6 +35,9 @@ pub struct ReadOut {
     /// Seed of the sensor's noise.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
+    /// Which colors each pixel is read in: that of its filter (mosaic), or red, green and blue (full), which gives a linear DNG. mosaic without.
+    #[arg(long, value_name = "mosaic|full", conflicts_with = "truth")]
+    pub color_sampling: Option<ColorSampling>,
     #[command(flatten)]
     pub raw: Raw,
     /// Read out so many times, each with a seed of its own: files are numbered.
@@ -62,6 +65,7 @@ impl ReadOut {
             serial: self.raw.serial.clone(),
             temperature_c: self.raw.temperature,
             white: self.white.clone(),
+            color_sampling: self.color_sampling,
         }
     }
 }
@@ -190,6 +194,11 @@ impl Develop {
 }
 
 impl Developing {
+    /// Whether something of demosaicing is asked for, be it what is usual.
+    pub fn asks_for_demosaicing(&self) -> bool {
+        self.demosaic.is_some() || self.set.iter().any(|setting| setting.trim_start().starts_with("demosaic"))
+    }
+
     /// What was typed of it.
     pub fn typed(&self) -> Vec<Typed> {
         let path = |path: &Option<PathBuf>| path.as_ref().map(|p| p.display().to_string());

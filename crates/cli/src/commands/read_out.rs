@@ -66,6 +66,7 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
     prepare(0)?;
 
     let [width, height] = first.size();
+    let line = prepare(0)?.numbers_per_row();
     let whole = names.len() > 1 && width * height <= KEPT_PIXELS;
     let kept = if whole { Some(open_rows(&args.plane)?.next(height).with_context(place)?) } else { None };
     let mut written = Vec::new();
@@ -86,10 +87,10 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
         // Charge that blooms runs along whole columns: all of it is counted before any of it is read.
         let mut electrons = Vec::new();
         if sensor.blooming {
-            electrons = vec![0.0; width * height];
-            for (band, line) in electrons.chunks_mut(width * BAND).enumerate() {
-                let window = plane.window(band * BAND, line.len() / width).with_context(place)?;
-                reader.electrons(&window, band * BAND, line);
+            electrons = vec![0.0; line * height];
+            for (band, rows) in electrons.chunks_mut(line * BAND).enumerate() {
+                let window = plane.window(band * BAND, rows.len() / line).with_context(place)?;
+                reader.electrons(&window, band * BAND, rows);
             }
             reader.bloom(&mut electrons);
         }
@@ -97,8 +98,8 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
         let mut unread = None;
         let mut rows = |first: usize, band: &mut [u16]| -> Result<(), ImageError> {
             match sensor.blooming {
-                true => reader.numbers(first, &electrons[first * width..][..band.len()], band),
-                false => match plane.window(first, band.len() / width) {
+                true => reader.numbers(first, &electrons[first * line..][..band.len()], band),
+                false => match plane.window(first, band.len() / line) {
                     Ok(window) => reader.rows(&window, first, band),
                     Err(e) => {
                         unread = Some(e);
@@ -110,7 +111,7 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
             Ok(())
         };
         let path = output
-            .commit(|to| Ok(raw_file::write(&header, [width, height], args.raw.storage(), &mut rows, &Recipe::default(), to)?));
+            .commit(|to| Ok(raw_file::write(&header, [line, height], args.raw.storage(), &mut rows, &Recipe::default(), to)?));
         if let Some(e) = unread {
             return Err(anyhow::Error::from(e).context(place()));
         }

@@ -15,6 +15,7 @@ use diopter::develop::Developer;
 use diopter::image::{ExposureFacts, FocalPlane, Picture, PictureSource, RawImage};
 use diopter::memory::Bytes;
 use diopter::metering::ev100_of_setting;
+use diopter::sensor::ColorSampling;
 use diopter::sheet::{Cells, SheetFile, Table};
 use diopter::shot::{ExposureUse, FireflyChoice, Inputs, SceneCache, Sequence, Shot, ShotError, ShotFile};
 use std::path::{Path, PathBuf};
@@ -69,7 +70,10 @@ fn make(
     json: bool,
 ) -> anyhow::Result<()> {
     let started = Instant::now();
-    let mut shared = Shared { scenes: SceneCache::new(), planes: Vec::new(), last: None, exposures: 0, max_memory };
+    let demosaic = cells.cells.first().map(|cell| &cell.shot.develop.demosaic);
+    let compares_demosaicing = cells.cells.iter().any(|cell| Some(&cell.shot.develop.demosaic) != demosaic);
+    let mut shared =
+        Shared { scenes: SceneCache::new(), planes: Vec::new(), last: None, exposures: 0, compares_demosaicing, max_memory };
     let (mut painted, mut told) = (Vec::new(), Vec::new());
     let count = cells.cells.len();
     let below = Below { crop: file.crop, histogram: file.histogram };
@@ -123,6 +127,8 @@ struct Shared {
     last: Option<(ShotFile, Shot, RawImage)>,
     /// How many were exposed.
     exposures: usize,
+    /// Whether they differ in how they are demosaiced: then all are of a mosaic.
+    compares_demosaicing: bool,
     max_memory: Option<Bytes>,
 }
 
@@ -182,8 +188,11 @@ impl Shared {
     fn take(&mut self, file: &ShotFile, warn: &mut dyn FnMut(&str)) -> anyhow::Result<(Shot, RawImage)> {
         let mut file = file.clone();
         Sequence::new(&mut file)?;
+        if self.compares_demosaicing {
+            file.camera.color_sampling.get_or_insert(ColorSampling::Mosaic);
+        }
         let mut shot = Shot::prepare_cached(&file, Inputs::default(), &mut self.scenes, warn)?;
-        shot.denoise_pictures(false, warn)?;
+        shot.prepare_pictures(false, warn)?;
         // Pictures: as `shoot` does where no file is an exposure.
         shot.fireflies = file.render.fireflies.unwrap_or(FireflyChoice::Reweight);
         memory::settle_fireflies(&mut shot, ExposureUse::ReadOut, self.max_memory);

@@ -17,7 +17,7 @@ use diopter::focus::Report;
 use diopter::hdr;
 use diopter::image::RawImage;
 use diopter::lens::draw::{Axis, Chart, Color, Figure, Line, Style};
-use diopter::sensor::ReadOut;
+use diopter::sensor::{ColorSampling, ReadOut};
 use diopter::shot::setting::Setting;
 use diopter::shot::{ExposureUse, FireflyChoice, Sequence, Shot};
 use diopter::truth;
@@ -51,6 +51,9 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     let started = Instant::now();
     let mut file = args.taking.shot_file()?;
     args.developing.apply(&mut file.develop)?;
+    if args.developing.asks_for_demosaicing() {
+        file.camera.color_sampling.get_or_insert(ColorSampling::Mosaic);
+    }
     file.camera.serial.override_with(args.raw.serial.clone());
     file.exposure.temperature_c.override_with(args.raw.temperature);
     if !args.sheet.is_empty() {
@@ -83,6 +86,12 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     }
     let written: Vec<&PathBuf> = file.output.files.iter().chain(&args.merge).chain(&args.stack).collect();
     check_effects(args, &written)?;
+    if args.truth.is_some() && file.camera.color_sampling == Some(ColorSampling::Full) {
+        let wrong = anyhow!(
+            "--color-sampling full with --truth: expected mosaic, with which the truth goes pixel for pixel, or --keep-plane"
+        );
+        return Err(UsageError(wrong).into());
+    }
     let count = sequence.count();
     // Whether the results can be written is known before the work, not after.
     let named = |path: &PathBuf| match sequence.names() {
@@ -133,7 +142,7 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     let kept_files = || file.output.files.iter().chain(&args.merge).chain(&args.stack);
     if kept_files().any(|p| looked_at(&p)) {
         let raw_too = kept_files().any(|p| !looked_at(&p)) || !planes.is_empty() || !truths.is_empty();
-        shot.denoise_pictures(raw_too, &mut warn)?;
+        shot.prepare_pictures(raw_too, &mut warn)?;
     }
     let joined_is_looked_at: Vec<bool> = args.merge.iter().chain(&args.stack).map(|p| looked_at(&p)).collect();
     let kept = match (truths.is_empty(), planes.is_empty()) {

@@ -7,6 +7,7 @@ use super::{print_json, read_raw, shown};
 use crate::UsageError;
 use crate::args;
 use crate::document::{self, Block, Document};
+use crate::output::{self, Kind};
 use crate::watch::{say, warn, watched};
 use anyhow::anyhow;
 use diopter::develop::Developer;
@@ -44,6 +45,11 @@ pub fn run(asked: &args::Why, json: bool) -> anyhow::Result<()> {
     }
     let output = asked.output.as_deref().map(document::prepare).transpose()?;
     let mut shot = Shot::prepare(&file, &mut warn)?;
+    // As `shoot` takes the files that the shot asks for.
+    let is_looked_at = |path: &PathBuf| output::kind(path).is_ok_and(Kind::is_looked_at);
+    if raw.is_none() && file.output.files.iter().all(is_looked_at) {
+        shot.sample_pictures_in_full_color();
+    }
     let report = watched("focusing", |w| shot.focus(w, &mut warn))?;
     watched("metering", |w| shot.meter(w, &mut warn))?;
     if let Some(raw) = &raw {
@@ -113,7 +119,7 @@ fn shot_file(asked: &args::Why, is_raw: bool) -> anyhow::Result<ShotFile> {
 pub(super) fn agree(path: &Path, raw: &RawImage, shot: &Shot) -> anyhow::Result<()> {
     let (file, ours) = (&raw.header.facts, shot.facts());
     let film = &shot.camera.film;
-    let size = [raw.mosaic.width, raw.mosaic.height];
+    let size = raw.size();
     let differ = |what: &str, found: String, expected: String| -> anyhow::Result<()> {
         let wrong = anyhow!(
             "{}: {what} {found}; expected {expected}, as the shot file says: it belongs to another picture",
@@ -151,7 +157,10 @@ pub(super) fn agree(path: &Path, raw: &RawImage, shot: &Shot) -> anyhow::Result<
 
 /// What a raw file counted in a pixel: DN, and electrons by the gain of the shot.
 fn counted(raw: &RawImage, shot: &Shot, [column, row]: [usize; 2]) -> Option<[f64; 2]> {
-    let dn = f64::from(*raw.mosaic.pixel(column, row).first()?);
+    // Where it has all channels, that of its filter in the mosaic.
+    let samples = raw.header.cfa.samples_per_pixel();
+    let sample = if samples > 1 { shot.sensor.cfa.channel_at(column, row) } else { 0 };
+    let dn = f64::from(*raw.mosaic.pixel(column * samples + sample, row).first()?);
     let step = shot.sensor.at_iso(shot.reading.iso).ok()?;
     Some([dn, (dn - raw.header.black_level) * step.gain_e_per_dn])
 }
@@ -160,7 +169,7 @@ fn counted(raw: &RawImage, shot: &Shot, [column, row]: [usize; 2]) -> Option<[f6
 fn reduced(raw: &RawImage, shot: &Shot) -> anyhow::Result<Picture> {
     let mut recipe = shot.recipe.clone();
     recipe.resize = Default::default();
-    recipe.resize.long_edge = Some(PICTURE.min(raw.mosaic.width.max(raw.mosaic.height)) as u32);
+    recipe.resize.long_edge = Some(PICTURE.min(raw.size()[0].max(raw.size()[1])) as u32);
     Ok(Developer::new(raw, &recipe, shot.lut.clone()).map_err(ShotError::from)?.whole())
 }
 
@@ -176,7 +185,7 @@ fn taken(file: &ShotFile, shot: &Shot) -> anyhow::Result<Picture> {
     small.develop.resize = Default::default();
     let mut quiet = |_: &str| ();
     let mut shot = Shot::prepare(&small, &mut quiet)?;
-    shot.denoise_pictures(false, &mut quiet)?;
+    shot.prepare_pictures(false, &mut quiet)?;
     watched("focusing", |w| shot.focus(w, &mut quiet))?;
     watched("metering", |w| shot.meter(w, &mut quiet))?;
     let exposed = watched("exposing", |w| shot.expose_from(None, w, None))?;

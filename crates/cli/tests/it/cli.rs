@@ -52,6 +52,22 @@ fn the_steps_taken_apart_give_the_same_picture() {
     f.ok(&["read-out", "plane.exr", "--seed", "7", "-o", "raw.dng"]);
     f.ok(&["develop", "raw.dng", "-o", "parts.png"]);
     assert_eq!(std::fs::read(f.path("whole.png")).unwrap(), std::fs::read(f.path("parts.png")).unwrap());
+    // A small picture alone is read in full color.
+    f.ok(&with(&whole, &["-o", "colors.png", "--save-shot", "alone.toml"]));
+    f.ok(&["shoot", "alone.toml", "-o", "again.png"]);
+    assert_eq!(f.read("colors.png"), f.read("again.png"));
+    // What is saved beside a raw file is compared with later pictures: they keep its mosaic.
+    f.ok(&with(&whole, &["-o", "beside.png", "-o", "beside.dng", "--save-shot", "beside.toml"]));
+    f.ok(&["shoot", "beside.toml", "-o", "later.png"]);
+    assert_eq!(f.read("whole.png"), f.read("later.png"));
+    f.ok(&["read-out", "plane.exr", "--seed", "7", "--color-sampling", "full", "-o", "linear.dng"]);
+    f.ok(&["develop", "linear.dng", "-o", "colors-by-parts.png"]);
+    assert_eq!(f.read("colors.png"), f.read("colors-by-parts.png"));
+    assert_ne!(f.read("colors.png"), f.read("whole.png"));
+    f.ok(&with(&whole, &["--color-sampling", "mosaic", "-o", "mosaic.png"]));
+    assert_eq!(f.read("mosaic.png"), f.read("whole.png"));
+    let (code, told) = f.fails(&with(&whole, &["--color-sampling", "full", "--truth", "t.exr", "-o", "a.dng"]));
+    assert!(code == 2 && told.contains("--color-sampling full") && told.contains("expected mosaic"), "{code} {told}");
     // Another noise seed is another picture.
     f.ok(&["read-out", "plane.exr", "--seed", "8", "-o", "raw.dng"]);
     f.ok(&["develop", "raw.dng", "-o", "other.png", "--tone", "reinhard"]);
@@ -68,7 +84,7 @@ fn pictures_to_look_at_are_denoised_and_raw_files_are_not() {
     let both = shoot(&[], &["-o", "auto.png", "-o", "auto.dng"]);
     let off = shoot(&["--denoise", "off"], &["-o", "off.png", "-o", "off.dng"]);
     let on = shoot(&["--denoise", "builtin"], &["-o", "on.png", "-o", "on.dng"]);
-    let one = shoot(&[], &["-o", "one.png"]);
+    let one = shoot(&["--color-sampling", "mosaic"], &["-o", "one.png"]);
     // Facts of a shot are those of its raw file, if there is one.
     assert_eq!((both["facts"]["denoised"].as_bool(), off["facts"]["denoised"].as_bool()), (Some(false), Some(false)));
     assert_eq!((on["facts"]["denoised"].as_bool(), one["facts"]["denoised"].as_bool()), (Some(true), Some(true)));

@@ -12,7 +12,7 @@ use diopter_image::channels::{CHANNELS, Channel, PixelType};
 use diopter_image::dng::Storage;
 use diopter_image::truth::Values;
 use diopter_image::{FocalPlane, ImageError, Picture, RawImage, cryptomatte, exr, jpeg, png, tiff_file};
-use diopter_sensor::{ReadOut, Window};
+use diopter_sensor::{ColorSampling, ReadOut, Window};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 use std::io::Cursor;
@@ -121,6 +121,11 @@ impl File {
         }
     }
 
+    /// Whether it goes with a mosaic, pixel for pixel.
+    pub fn goes_with_a_mosaic(self) -> bool {
+        matches!(self, File::Raw | File::Expected | File::Truth)
+    }
+
     /// Whether it is made of a read-out.
     pub fn is_read_out(self) -> bool {
         matches!(self, File::Dng | File::Raw | File::Expected | File::Jpeg | File::Png | File::Tiff | File::Exr | File::Truth)
@@ -206,6 +211,11 @@ impl Dataset {
         file.place_paths(self.folder());
         // A shutter angle becomes a time.
         Sequence::new(&mut file)?;
+        if file.camera.color_sampling == Some(ColorSampling::Full)
+            && let Some(mosaic) = self.files.iter().find(|f| f.goes_with_a_mosaic())
+        {
+            return Err(needs_a_mosaic(*mosaic));
+        }
         Ok((Shot::prepare_cached(&file, Inputs::default(), scenes, warn)?, scene, calibration))
     }
 
@@ -315,6 +325,14 @@ fn occurring(plane: &FocalPlane, channel: &str) -> BTreeSet<u32> {
     }
 }
 
+fn needs_a_mosaic(file: File) -> ShotError {
+    ShotError::Entry {
+        place: "[write] files".into(),
+        found: format!("{} of a shot with camera.color_sampling = \"full\"", file.name()),
+        expected: "\"mosaic\", with which it goes pixel for pixel, or other files".into(),
+    }
+}
+
 /// What files are made of.
 pub(crate) struct Making<'a> {
     pub shot: &'a Shot,
@@ -348,6 +366,9 @@ impl Making<'_> {
             Ok(bytes)
         };
         let picture = || -> Result<Picture, ShotError> { self.shot.develop(raw()?) };
+        if file.goes_with_a_mosaic() && self.shot.color_sampling == ColorSampling::Full {
+            return Err(needs_a_mosaic(file));
+        }
         match file {
             File::Dng => {
                 let raw = raw()?;

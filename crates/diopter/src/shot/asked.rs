@@ -7,6 +7,8 @@ use super::{DEFAULT_BODY, DEFAULT_SEED, DEFAULT_SPP, Exposing, Inputs, ShotError
 use crate::camera::Camera;
 use crate::denoising::{Denoise, Filter};
 use crate::expose::{Integrator, Response, Settings};
+use crate::iso;
+use crate::metering::Pattern;
 use crate::program::Mode;
 use crate::quantity::{FNumber, Seconds};
 use crate::quick_look;
@@ -17,7 +19,10 @@ use diopter_image::truth::Recorded;
 use diopter_lens::Lens;
 use diopter_light::random::SamplerKind;
 use diopter_scene::PathSettings;
-use diopter_sensor::{Reading, Sensor};
+use diopter_sensor::{ColorSampling, Reading, Sensor};
+
+/// A sheet whose pixels saturate at so many times its speed leaves a stop above middle grey, no highlights.
+const MOST_OF_SPEED: f64 = 4.0;
 
 /// A shot file, as far as nothing must be read for it but the body and the library that denoises.
 pub(super) struct ShotRequest {
@@ -39,6 +44,10 @@ impl ShotRequest {
         let (sensor, exposing, iso) = body_and_speed(file, inputs)?;
         check_polarized(&settings, &sensor)?;
         white_point(white(file))?;
+        if file.camera.color_sampling == Some(ColorSampling::Full) && !sensor.has_color_filters() {
+            let found = format!("full, of {} with {}", sensor.name, sensor.cfa.channel_names().join(", "));
+            return Err(value("color_sampling", found, "mosaic, or a body with red, green and blue filters"));
+        }
         let e = &file.exposure;
         if let Some(Seconds(t)) = e.shutter
             && !(t > 0.0 && t <= 4e7)
@@ -82,6 +91,13 @@ impl ShotRequest {
                 "in mode M with a set ISO speed nothing follows the meter: the compensation changes nothing; --iso auto lets the speed follow it",
             );
         }
+        if e.metering_at.is_some() && exposing.pattern != Pattern::Spot {
+            warn(&format!("metering {}: only the spot has a place, metering-at is not used", exposing.pattern.name()));
+        }
+        if e.slowest.is_some() && exposing.auto_iso.is_none() && exposing.mode != Mode::Program {
+            warn("only automatic ISO and mode P keep to the slowest time: it is not used (--iso auto)");
+        }
+        warn_of_sheet(file, &sensor, iso, warn)?;
         surroundings::check(&file.scene)?;
         Ok(ShotRequest { settings, sensor, exposing, iso, denoise, filter })
     }
@@ -100,6 +116,8 @@ impl ShotRequest {
             serial: file.camera.serial.clone().unwrap_or_else(|| Reading::FIRST_SERIAL.into()),
             temperature_c: file.exposure.temperature_c,
             white: white(file).to_owned(),
+            // Meter and autofocus read the mosaic; a picture: [`Shot::read_out`].
+            color_sampling: ColorSampling::Mosaic,
         }
     }
 
@@ -111,7 +129,11 @@ impl ShotRequest {
             body: self.sensor.name.clone(),
             light_scale: 1.0,
             mode: self.exposing.mode.name().into(),
-            compensation_ev: self.exposing.compensation_ev,
+            // Where everything is set by hand nothing follows it.
+            compensation_ev: match self.exposing.mode == Mode::Manual && self.exposing.auto_iso.is_none() {
+                true => 0.0,
+                false => self.exposing.compensation_ev,
+            },
             nd_stops: self.exposing.nd_stops,
             polarizer: self.settings.polarizer.map_or(String::new(), |p| p.to_string()),
             ..of_lens
@@ -166,6 +188,9 @@ pub(super) fn check_camera(file: &ShotFile, camera: &Camera, warn: &mut dyn FnMu
             return Err(value("diffraction", "on", expected));
         }
     }
+    if file.camera.color_sampling == Some(ColorSampling::Full) && microlenses {
+        return Err(value("color_sampling", "full", "mosaic behind a microlens array"));
+    }
     if render.quick && microlenses {
         return Err(value("plenoptic", "a microlens array", "no quick look: it has no light field"));
     }
@@ -202,6 +227,27 @@ fn body_and_speed(file: &ShotFile, inputs: &Inputs) -> Result<(Sensor, Exposing,
     };
     sensor.at_iso(iso)?;
     Ok((sensor, exposing, iso))
+}
+
+/// Says what is odd about the sheet of a body that is read from a file.
+fn warn_of_sheet(file: &ShotFile, sensor: &Sensor, iso: f64, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+    let Some(path) = file.camera.body.as_ref().filter(|name| name.ends_with(".toml")) else { return Ok(()) };
+    let embedded = Sensor::names().filter_map(|name| Sensor::named(name).ok()).find(|embedded| embedded.name == sensor.name);
+    if embedded.is_some_and(|embedded| embedded != *sensor) {
+        warn(&format!(
+            "{path}: name \"{}\" is that of an embedded body, whose sheet counts wherever a file names it (a plane that is read out without --body): \
+             expected a name of its own",
+            sensor.name
+        ));
+    }
+    let speed = iso::saturation_speed(sensor, iso)?;
+    if speed > MOST_OF_SPEED * iso {
+        warn(&format!(
+            "{path}: at ISO {iso:.0} pixels saturate as at ISO {speed:.0} (quantum efficiency, full well and gain; `body iso` measures it): pictures that \
+             the meter exposes will be clipped; expected settings whose speeds are near those"
+        ));
+    }
+    Ok(())
 }
 
 /// Whether light is diffracted: as `diffraction` says; without, where stray light was chosen, only if diffraction is among its words.

@@ -192,6 +192,7 @@ impl Shot {
         self.shutter = file.exposure.shutter.map(|s| s.0);
         self.reading = asked.reading(&file);
         let ShotRequest { settings, sensor, exposing, denoise, filter, .. } = asked;
+        self.color_sampling = file.camera.color_sampling.unwrap_or_default();
         self.lens_cap = file.exposure.lens_cap;
         (self.denoise, self.filter) = (denoise, filter);
         self.fireflies = file.render.fireflies.unwrap_or_default();

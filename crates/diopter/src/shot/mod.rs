@@ -64,7 +64,7 @@ use diopter_light::cie;
 use diopter_scene::bvh::Bounds;
 use diopter_scene::{Scene, SceneError, builtin};
 use diopter_sensor::format;
-use diopter_sensor::{Reading, Sensor};
+use diopter_sensor::{ColorSampling, Reading, Sensor};
 use exposing::Exposing;
 use focusing::Focusing;
 use glam::{Affine3A, Vec3};
@@ -98,6 +98,8 @@ pub struct Shot {
     pub shutter: Option<f64>,
     /// How the sensor is read.
     pub reading: Reading,
+    /// Which colours its pixels are read in.
+    pub color_sampling: ColorSampling,
     /// When it is taken, as EXIF writes it; whoever owns a clock says so.
     pub date: Option<String>,
     /// No light reaches the film.
@@ -112,7 +114,7 @@ pub struct Shot {
     pub rgb: bool,
     /// Whether the renderer's own noise is reduced.
     denoise: Denoise,
-    /// By what; `None` where it is not, or not yet known ([`Shot::denoise_pictures`]).
+    /// By what; `None` where it is not, or not yet known ([`Shot::prepare_pictures`]).
     filter: Option<Filter>,
     /// What becomes of outliers when the samples end: kept by default. See [`Shot::reweights`].
     pub fireflies: FireflyChoice,
@@ -252,6 +254,7 @@ impl Shot {
             sensor,
             shutter: file.exposure.shutter.map(|s| s.0),
             reading,
+            color_sampling: file.camera.color_sampling.unwrap_or_default(),
             date: None,
             lens_cap: file.exposure.lens_cap,
             settings,

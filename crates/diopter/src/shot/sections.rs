@@ -14,6 +14,7 @@ use crate::denoising::Denoise;
 use crate::focus::{Measure, Method, Priority};
 use crate::polarizer::Polarizer;
 use crate::quantity::{Distance, Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Moment, Seconds, Size, number};
+use diopter_sensor::ColorSampling;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -21,7 +22,7 @@ use std::str::FromStr;
 
 // What settings say besides sections.
 values! {
-    f32, f64, u32, u64, usize, String, PathBuf, [f32; 3], [f64; 2], [f64; 3], [u32; 2], [[f32; 3]; 2], Denoise, DiffractionChoice, Distance, Ev, FNumber, Filter,
+    f32, f64, u32, u64, usize, String, PathBuf, [f32; 3], [f64; 2], [f64; 3], [u32; 2], [[f32; 3]; 2], ColorSampling, Denoise, DiffractionChoice, Distance, Ev, FNumber, Filter,
     FireflyChoice, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Moment, Polarizer, Seconds, Size, Zones,
 }
 
@@ -269,6 +270,13 @@ section! {
         /// Each pixel is split in two photodiodes, which see the left and the right half of the pupil: one exposure gives two raw files.
         #[arg(skip)]
         pub dual_pixel: bool,
+        /// Which colours each pixel is read in: that of its filter (mosaic), or red, green and blue (full).
+        ///
+        /// full: as three chips, stacked photodiodes or pixel shift read them; nothing is demosaiced, and a DNG is linear. Without it, `shoot` reads in full color where all files are pictures (JPEG, PNG,
+        /// TIFF) that have two of the sensor's photosites or more to a pixel each way, as a camera makes small pictures of many photosites, and no method of demosaicing is asked for. The
+        /// noise of a pixel is that of one photosite of each color.
+        #[arg(long, value_name = "mosaic|full", help_heading = "Sensor")]
+        pub color_sampling: Option<ColorSampling>,
         /// Where the camera stands: "x,y,z" in m.
         #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
         pub look_from: Option<[f32; 3]>,

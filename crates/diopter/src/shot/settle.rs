@@ -8,6 +8,7 @@ use crate::quantity::{Distance, Ev, FNumber, FocusTo, LengthMm, Seconds, Size};
 use diopter_lens::{Focus, Lens, Projection};
 use diopter_scene::builtin;
 use diopter_scene::studio::Studio;
+use diopter_sensor::ColorSampling;
 
 impl Shot {
     /// Writes what was settled into a shot file: it then takes this picture again, whatever the meter says.
@@ -43,6 +44,10 @@ impl Shot {
         let c = &mut file.camera;
         c.body.get_or_insert_with(|| self.file.camera.body.clone().unwrap_or_else(|| DEFAULT_BODY.into()));
         c.serial.get_or_insert_with(|| self.reading.serial.clone());
+        // Pictures taken after this one are compared with it; full color follows again from which files are asked for.
+        if self.color_sampling == ColorSampling::Mosaic {
+            c.color_sampling.get_or_insert(ColorSampling::Mosaic);
+        }
         let placed = c.look_from.is_some() || c.look_at.is_some() || !c.path.is_empty();
         let first = self.scene.description().cameras.first();
         if let Some(framing) = builtin::framing(&scene_name).filter(|_| !placed && first.is_none() && c.up.is_none()) {

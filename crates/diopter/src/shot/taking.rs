@@ -12,16 +12,18 @@ use crate::row_store::PagedRows;
 use crate::stray::WithStray;
 use crate::{expose, quick_look};
 use diopter_develop::denoise::Denoised;
-use diopter_develop::develop;
+use diopter_develop::{DemosaicStep, develop};
 use diopter_image::focal_plane::{FocalPlaneSource, Truth};
 use diopter_image::{ExposureFacts, FocalPlane, Picture, Raster, RawImage};
 use diopter_lens::Lens;
-use diopter_sensor::{Reading, read_out};
+use diopter_sensor::{ColorSampling, Reading, read_out};
 use std::path::Path;
 use std::sync::Arc;
 
 /// Samples a pixel where nothing but denoised pictures is made: what a denoiser makes good of.
 const DENOISED_SPP: u32 = 16;
+/// The same of one that is read in full color: as near to a picture of very many samples as a mosaic with [`DENOISED_SPP`] is.
+const DENOISED_FULL_COLOR_SPP: u32 = 12;
 
 impl Shot {
     /// Facts as known so far.
@@ -155,12 +157,15 @@ impl Shot {
         !self.lens_cap && !self.file.render.quick && self.denoise != Denoise::Oidn
     }
 
-    /// Says that pictures to look at are developed from this shot, beside raw files or planes if `raw_too`: where nobody said otherwise
-    /// ([`Denoise::Auto`]) they are denoised, by [`Shot::for_pictures`], and made of fewer samples. `warn` gets what is wrong with the filter.
+    /// Says that pictures to look at are developed from this shot, beside raw files or planes if `raw_too`. Alone, small ones are read in full color
+    /// ([`Shot::sample_pictures_in_full_color`]). Where nobody said otherwise ([`Denoise::Auto`]) they are denoised, by [`Shot::for_pictures`], and made of fewer samples. `warn` gets what is wrong with the filter.
     ///
     /// Light fields are left: behind microlenses neighbours see other parts of the scene. A quick look makes its blur from a sharp exposure, which is
     /// the one that is denoised, unless raw files are made of it. Fails where the file that `render.oidn` names cannot be used.
-    pub fn denoise_pictures(&mut self, raw_too: bool, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+    pub fn prepare_pictures(&mut self, raw_too: bool, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+        if !raw_too {
+            self.sample_pictures_in_full_color();
+        }
         let quick = self.file.render.quick;
         if self.denoise == Denoise::Auto && self.camera.film.microlenses.is_none() && !self.lens_cap && !(quick && raw_too) {
             self.filter = Filter::open(Denoise::Auto, self.file.render.oidn.as_deref(), warn)?;
@@ -171,10 +176,24 @@ impl Shot {
                 && render.samples.is_none()
                 && render.time_limit.is_none()
             {
-                self.settings = Settings { spp: DENOISED_SPP, samples: 0..DENOISED_SPP, ..self.settings.clone() };
+                let spp = if self.color_sampling == ColorSampling::Full { DENOISED_FULL_COLOR_SPP } else { DENOISED_SPP };
+                self.settings = Settings { spp, samples: 0..spp, ..self.settings.clone() };
             }
         }
         Ok(())
+    }
+
+    /// Says that nothing but pictures to look at is made of this shot: where nobody said otherwise, small ones are read in full color ([`ColorSampling::Full`]), as a
+    /// camera makes them of many photosites; single ones of a mosaic, far apart, would show edges and glints in false colors. Small are those with two photosites or
+    /// more to a pixel each way, so that all colors of a Bayer pattern lie in it. Light fields are left, and where a method of demosaicing is asked for.
+    pub fn sample_pictures_in_full_color(&mut self) {
+        let (film, pitch) = (&self.camera.film, self.sensor.pitch_mm());
+        let sides = [(film.width_mm, film.columns), (film.height_mm, film.rows)];
+        let is_small = sides.iter().zip(pitch).all(|((mm, pixels), pitch)| mm / *pixels as f64 >= 1.999 * pitch);
+        let asked = self.file.camera.color_sampling.is_some() || self.recipe.demosaic.method != DemosaicStep::default().method;
+        if is_small && !asked && self.sensor.has_color_filters() && film.microlenses.is_none() {
+            self.color_sampling = ColorSampling::Full;
+        }
     }
 
     /// Whether the exposure itself is denoised, and with it all that is made of it.
@@ -284,7 +303,8 @@ impl Shot {
 
     /// Reads the film out. Fails on a plane that does not hold the electrons of the body's channels, and on an ISO speed or temperature out of range.
     pub fn read_out(&self, plane: &FocalPlane) -> Result<RawImage, ShotError> {
-        let mut raw = read_out(plane, &self.sensor, &self.reading, &white_point(&self.reading.white)?)?;
+        let reading = Reading { color_sampling: self.color_sampling, ..self.reading.clone() };
+        let mut raw = read_out(plane, &self.sensor, &reading, &white_point(&reading.white)?)?;
         raw.header.facts.date.clone_from(&self.date);
         raw.header.baseline_ev += self.baseline_ev;
         if self.settings.half.is_some() {

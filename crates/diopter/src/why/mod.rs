@@ -34,11 +34,11 @@ use crate::shutter::Shutter;
 use crate::stops::time_name;
 use blur::{Filters, blur};
 use diopter_develop::Step;
-use diopter_image::ExposureFacts;
+use diopter_image::{Cfa, ExposureFacts};
 use diopter_lens::{Diffraction, Focus, Iris, Lens, ThinLens};
 use diopter_light::units::Millimeters;
 use diopter_scene::Scene;
-use diopter_sensor::Reading;
+use diopter_sensor::{ColorSampling, Reading};
 use glam::DVec2;
 use light::{Pixel, Seen};
 use serde::Serialize;
@@ -308,7 +308,10 @@ pub fn why(shot: &Shot, at: Option<[f64; 2]>, report: Option<&Report>) -> Result
     let Some(spot) = model.spot(&subject, &shot.camera, &shutter, &on([0.0; 2])) else {
         return Err(value("at", format!("{},{}", at[0], at[1]), "a place whose light the lens brings onto the film"));
     };
-    let (header, per_electron) = pixel.header()?;
+    let (mut header, per_electron) = pixel.header()?;
+    if shot.color_sampling == ColorSampling::Full {
+        header.cfa = Cfa::linear_rgb();
+    }
     let level = pixel.electrons()? * per_electron;
     let sigma_px = blur(&spot, &on([0.0; 2]).filters).radius_px / std::f64::consts::SQRT_2;
     let on = on(development::added(&header, &shot.recipe, level, sigma_px)?);
@@ -388,8 +391,8 @@ fn notes(shot: &Shot, subject: &Subject) -> Vec<String> {
     if recipe.white.patch.is_some() || recipe.white.balance.trim().eq_ignore_ascii_case("auto") {
         note("the white balance looks at the whole picture: that of the camera (as-shot) stands in for it in the brightness");
     }
-    let cap = shot.sensor.cfa.is_monochrome() || shot.sensor.cfa.has_all_channels();
-    if !cap && recipe.demosaic.method == diopter_develop::Demosaic::Half {
+    let whole = shot.sensor.cfa.is_monochrome() || shot.color_sampling == ColorSampling::Full;
+    if !whole && recipe.demosaic.method == diopter_develop::Demosaic::Half {
         note(&format!("\"{}\" makes one pixel of each period of the filters: pixels are those before", Step::Demosaic.name()));
     }
     if !shot.diffracts() && !matches!(shot.camera.lens, Lens::Pinhole(_)) {

@@ -32,6 +32,61 @@ fn taken(toml: &str, scene: Option<diopter::scene::Description>) -> Vec<(FocalPl
         .collect()
 }
 
+#[test]
+fn small_pictures_to_look_at_are_read_in_full_color() {
+    let settled = |toml: &str| {
+        let mut shot = Shot::prepare(&toml::from_str(toml).unwrap(), &mut |_| ()).unwrap();
+        shot.sample_pictures_in_full_color();
+        shot.color_sampling
+    };
+    use diopter::sensor::ColorSampling::{Full, Mosaic};
+    let size = |size: &str| format!("[render]\nsize = \"{size}\"\n");
+    // 6720 × 4480 photosites: two and more for a pixel, or fewer.
+    assert_eq!(settled(&size("3360x2240")), Full);
+    assert_eq!(settled(&size("3600x2400")), Mosaic);
+    // As asked; and mosaics that somebody wants to see demosaiced; and sensors without colours.
+    for (asked, expected) in [
+        ("[camera]\ncolor_sampling = \"mosaic\"\n", Mosaic),
+        ("[develop.demosaic]\nmethod = \"bilinear\"\n", Mosaic),
+        ("[camera]\nbody = \"imx249\"\n", Mosaic),
+        ("[camera]\nbody = \"nikon-d850\"\n", Full),
+    ] {
+        assert_eq!(settled(&format!("{asked}{}", size("96x64"))), expected, "{asked}");
+    }
+    let e = Shot::prepare(&toml::from_str("[camera]\nbody = \"imx249\"\ncolor_sampling = \"full\"\n").unwrap(), &mut |_| ());
+    assert!(e.err().is_some_and(|e| e.to_string().contains("color_sampling")));
+}
+
+#[test]
+fn full_color_needs_no_demosaicing_and_comes_back_from_a_linear_dng() {
+    let of = |sampling: &str| {
+        taken(
+            &asked("thin", &format!("color_sampling = \"{sampling}\"\n"), "48x32", 8)
+                .replace("imx455", "canon-5d-mark-iv")
+                .replace("390", "100"),
+            Some(edge(2.0)),
+        )
+        .remove(0)
+    };
+    let (plane, full) = of("full");
+    let (same, mosaic) = of("mosaic");
+    assert!(plane == same && full.size() == mosaic.size() && full.mosaic.data.len() == 3 * mosaic.mosaic.data.len());
+    // The number of a pixel's own filter has the light of that of the mosaic, with another draw of the noise.
+    let cfa = &mosaic.header.cfa;
+    let black = full.header.black_level;
+    let (mut a, mut b) = (0.0, 0.0);
+    for (i, dn) in mosaic.mosaic.data.iter().enumerate() {
+        a += f64::from(*dn) - black;
+        b += f64::from(full.mosaic.data[3 * i + cfa.channel_at(i % 48, i / 48)]) - black;
+    }
+    assert!((a / b - 1.0).abs() < 0.01, "{a} {b}");
+    let mut bytes = Cursor::new(Vec::new());
+    raw_file::write_image(&full, Storage::Packed, &Recipe::default(), &mut bytes).unwrap();
+    bytes.set_position(0);
+    let read = dng::read(bytes).unwrap();
+    assert!(read.header.cfa.has_all_channels() && read.mosaic == full.mosaic);
+}
+
 fn refused(toml: &str) -> String {
     let mut file: ShotFile = toml::from_str(toml).unwrap();
     let sequence = Sequence::new(&mut file).unwrap();

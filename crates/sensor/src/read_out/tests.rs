@@ -153,6 +153,70 @@ fn crosstalk_reaches_the_neighbours_and_keeps_the_sum() {
 }
 
 #[test]
+fn in_full_color_every_pixel_has_the_noise_of_a_photosite_of_each_channel() {
+    let sensor = plain("canon-5d-mark-iv");
+    let facts = ExposureFacts { exposure_s: 0.0, ..Default::default() };
+    let plane = FocalPlane::even(sensor.bands(), &[300.0, 2000.0, 900.0], [150, 100], facts);
+    let raw = read(&sensor, &plane, &Reading { color_sampling: ColorSampling::Full, ..Reading::new(400.0, 3) });
+    assert!(raw.header.cfa.has_all_channels() && raw.size() == [150, 100]);
+    let step = sensor.at_iso(400.0).unwrap();
+    let k = 1.0 / step.gain_e_per_dn;
+    for (channel, electrons) in [300.0, 2000.0, 900.0].into_iter().enumerate() {
+        let values: Vec<u16> = raw.mosaic.data.iter().skip(channel).step_by(3).copied().collect();
+        let (mean, variance) = moments(&values);
+        let expected = k * k * (electrons + step.read_noise_e.powi(2)) + 1.0 / 12.0;
+        // 15 000 pixels give a variance within 1.2 %, tested at 4 σ.
+        assert!((mean - step.black_level_dn - k * electrons).abs() < 4.0 * (expected / 15_000.0).sqrt(), "{channel}: {mean}");
+        assert!((variance / expected - 1.0).abs() < 0.05, "{channel}: {variance} {expected}");
+    }
+    // The noise of one channel says nothing of that of another.
+    let (red, green): (Vec<f64>, Vec<f64>) = raw.mosaic.data.chunks(3).map(|p| (f64::from(p[0]), f64::from(p[1]))).unzip();
+    let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
+    let (mr, mg) = (mean(&red), mean(&green));
+    let product = |a: &[f64], ma: f64, b: &[f64], mb: f64| a.iter().zip(b).map(|(a, b)| (a - ma) * (b - mb)).sum::<f64>();
+    let correlation = product(&red, mr, &green, mg) / (product(&red, mr, &red, mr) * product(&green, mg, &green, mg)).sqrt();
+    assert!(correlation.abs() < 0.035, "{correlation}");
+}
+
+#[test]
+fn in_full_color_crosstalk_mixes_channels_as_in_the_mosaic() {
+    for pattern in ["RG/GB", "quad", "x-trans"] {
+        let mut sensor = plain("canon-5d-mark-iv");
+        (sensor.crosstalk, sensor.cfa) = (0.04, Cfa::parse(pattern).unwrap());
+        let alone = [1000.0, 5000.0, 2000.0];
+        let plane = FocalPlane::even(sensor.bands(), &alone.map(|e| e as f32), [12, 12], ExposureFacts::default());
+        let reading = Reading { color_sampling: ColorSampling::Full, ..Reading::new(100.0, 1) };
+        let reader = ReadOut::new(&sensor, &reading, [12, 12], &plane.bands, 0.0).unwrap();
+        let window = Window { first: 0, data: &plane.mean.data };
+        let row = reader.expected(&window, 5);
+        let mixed = sensor.mixed_by_crosstalk(&alone);
+        for (channel, expected) in mixed.iter().enumerate() {
+            for pixel in row.chunks(3) {
+                assert!((f64::from(pixel[channel].electrons) / expected - 1.0).abs() < 1e-6, "{pattern} {channel}");
+            }
+        }
+    }
+    // Of a single lit pixel its neighbours get what leaks, the whole is kept.
+    let mut sensor = plain("canon-5d-mark-iv");
+    sensor.crosstalk = 0.04;
+    let mut plane = flat(&sensor, 0.0, 0.0, [9, 9]);
+    plane.mean.pixel_mut(4, 4).copy_from_slice(&[0.0, 1e4, 0.0]);
+    let reading = Reading { color_sampling: ColorSampling::Full, ..Reading::new(100.0, 1) };
+    let reader = ReadOut::new(&sensor, &reading, [9, 9], &plane.bands, 0.0).unwrap();
+    let all: f64 = (0..9).flat_map(|r| reader.through_filters(&Window { first: 0, data: &plane.mean.data }, r)).sum();
+    // Green leaks to red and blue, of which there is half as much; those leak nothing back: 1 − 4 f of green, 4 f of it to each of red and blue.
+    assert!((all / 1e4 - (1.0 - 0.16 + 2.0 * 0.16)).abs() < 1e-9, "{all}");
+}
+
+#[test]
+fn full_color_is_for_red_green_and_blue() {
+    let sensor = Sensor::named("imx249").unwrap();
+    let reading = Reading { color_sampling: ColorSampling::Full, ..Reading::new(sensor.iso[0].iso, 1) };
+    let e = read_out(&flat(&sensor, 1.0, 0.0, [2, 2]), &sensor, &reading, &illuminant("D65").unwrap()).unwrap_err();
+    assert!(e.to_string().contains("full") && e.to_string().contains("red, green and blue"), "{e}");
+}
+
+#[test]
 fn wells_bloom_along_the_column_only_when_asked() {
     let mut sensor = plain("ideal");
     sensor.full_well_e = 1000.0;
