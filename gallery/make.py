@@ -14,9 +14,11 @@ import tempfile
 import tomllib
 from pathlib import Path
 
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw, ImageFile, ImageFont
 
 HERE = Path(__file__).resolve().parent
+# Noise does not fit into the block that Pillow optimises by itself.
+ImageFile.MAXBLOCK = 1 << 24
 # What a picture of the gallery may take, bytes.
 LARGEST = 250_000
 GAP = 4
