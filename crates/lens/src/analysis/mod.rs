@@ -31,7 +31,7 @@ use crate::paraxial::FirstOrder;
 use crate::ray::{Apertures, TraceDirection, TracedRay};
 use crate::system::System;
 use crate::trace::at_plane;
-use glam::{DMat2, DVec2, DVec3};
+use glam::{DVec2, DVec3};
 
 /// A place across the chief ray, mm: sagittal, tangential.
 pub type PupilPoint = DVec2;
@@ -105,8 +105,8 @@ impl<'a> Bench<'a> {
         FirstOrder::of(self.system, &self.system.indices(nm))
     }
 
-    /// Chief ray of a field angle (rad) in front of the lens, running towards it: from the middle of the stop outwards, in the y–z plane where the lens is centred, and
-    /// where something stands askew by Newton's method from there, so that it comes in in that plane. `None` where no ray leaves the lens at that angle.
+    /// Chief ray of a field angle (rad) in front of the lens, running towards it: from the middle of the stop outwards, and
+    /// in the y–z plane before the lens, also where something in it stands askew. `None` where no ray leaves the lens at that angle.
     fn chief(&self, angle: f64, nm: f64) -> Option<TracedRay> {
         let system = self.system;
         let n = system.indices(nm);
@@ -118,42 +118,23 @@ impl<'a> Bench<'a> {
         let stop = &system.surfaces[system.stop];
         let (middle, _) = stop.to_lens(DVec3::ZERO, DVec3::Z);
         let run = system.runs[system.stop];
-        // A ray that crosses the stop upwards comes from below. By the angle at the stop and the way it goes across: the ray, and the angle of the light that comes in (of
-        // −direction) in the same form, for which the axis is no special place.
-        let leave_by = |at: DVec2| {
-            let (t, way) = (at.length(), at.normalize_or(DVec2::Y));
-            let direction = (-way * t.sin()).extend(-t.cos() * run);
+        // A ray that crosses the stop upwards comes from below.
+        let leave = |t: f64| {
+            let direction = DVec3::new(0.0, -t.sin(), -t.cos() * run);
             let start = TracedRay { position: middle, direction };
             let out = system.trace_part(start, &n, TraceDirection::ToObject, Apertures::Ignore, 0..system.stop, |_| {}).ok()?;
-            let across = -out.direction.truncate();
-            Some((out, across.normalize_or_zero() * f64::atan2(across.length(), -out.direction.z)))
-        };
-        let leave = |t: f64| {
-            let (out, _) = leave_by(DVec2::new(0.0, t))?;
+            // Angle of the light that comes in: of −direction.
             Some((out, f64::atan2(-out.direction.y, -out.direction.z)))
         };
-        let is_centered = system.is_centered();
-        let found = |t: f64, out: TracedRay| {
-            let turned = |out: TracedRay| TracedRay { position: out.position, direction: -out.direction };
-            if is_centered {
-                return Some(turned(out));
+        let found = |out: TracedRay| {
+            if system.is_centered() {
+                return Some(TracedRay { position: out.position, direction: -out.direction });
             }
-            let (target, mut at) = (DVec2::new(0.0, angle), DVec2::new(0.0, t));
-            const STEP: f64 = 1e-5;
-            for _ in 0..40 {
-                let (out, here) = leave_by(at)?;
-                let miss = here - target;
-                if miss.length() < 1e-13 {
-                    return Some(turned(out));
-                }
-                let slope = |by: DVec2| Some((leave_by(at + by)?.1 - leave_by(at - by)?.1) / (2.0 * STEP));
-                let jacobian = DMat2::from_cols(slope(DVec2::X * STEP)?, slope(DVec2::Y * STEP)?);
-                if jacobian.determinant().abs() < 1e-12 {
-                    return None;
-                }
-                at -= jacobian.inverse() * miss;
-            }
-            leave_by(at).filter(|(_, here)| (*here - target).length() < 1e-9).map(|(out, _)| turned(out))
+            // Something that stands askew has sent it out of the y–z plane: that of the parallel rays beside it which meets the middle of the stop.
+            let direction = DVec3::new(0.0, angle.sin(), angle.cos());
+            let ray =
+                |at: DVec2| TracedRay { position: out.position + DVec3::X * at.x + direction.cross(DVec3::X) * at.y, direction };
+            crate::at_stop::chief_from(system, &n, DVec2::ZERO, ray).map(ray)
         };
         // The angle grows with the angle at the stop; look for where it passes the one asked.
         const STEPS: usize = 400;
@@ -162,7 +143,7 @@ impl<'a> Bench<'a> {
         // Light along the axis of a lens that stands askew leaves the middle of the stop at an angle.
         let sign = if angle - before.1.1 < 0.0 { -1.0 } else { 1.0 };
         if (before.1.1 - angle).abs() < 1e-12 {
-            return found(0.0, before.1.0);
+            return found(before.1.0);
         }
         // A pupil that turns rays about (a mirror in front of the stop) may start the other way.
         let probe = leave(1e-4)?.1 - before.1.1;
@@ -180,7 +161,7 @@ impl<'a> Bench<'a> {
                     ray = there;
                     if (a < angle) == rising { low = mid } else { high = mid }
                 }
-                return found(0.5 * (low + high), ray);
+                return found(ray);
             }
             before = (t, out);
         }

@@ -346,10 +346,7 @@ fn expand(entry: &Entry, p: &Prescription, out: &mut Vec<Parameter>) -> Result<(
     }
     // The second pass of light through a face or a thickness has the error of the first.
     let passes = Passes::of(p);
-    let (of_faces, of_gaps): (Vec<usize>, Vec<usize>) = (
-        surfaces.iter().copied().filter(|i| acts(*i) && (named || passes.is_first_of_face(*i))).collect(),
-        surfaces.iter().copied().filter(|i| named || passes.is_first_of_gap(*i)).collect(),
-    );
+    let of_faces: Vec<usize> = surfaces.iter().copied().filter(|i| acts(*i) && (named || passes.is_first_of_face(*i))).collect();
     let again = |what: &str, i: usize, first: usize| {
         format!("{what} {}: light passes it again, expected its first pass, {}", i + 1, first + 1)
     };
@@ -433,7 +430,7 @@ fn expand(entry: &Entry, p: &Prescription, out: &mut Vec<Parameter>) -> Result<(
             let least = s.gap.values.iter().flatten().map(|g| g.abs()).fold(f64::INFINITY, f64::min);
             let stop = |i: usize| p.surfaces.get(i).is_some_and(|s| s.stop && s.profile == Profile::Plane);
             // A gap of 0 is contact or a dummy plane: there is nothing to get wrong.
-            if !film && least > 0.0 && of_gaps.contains(&i) {
+            if !film && least > 0.0 && (named || passes.is_first_of_gap(i)) {
                 if !passes.is_first_of_gap(i) {
                     return Err(again("gap after surface", i, passes.gap(i)));
                 }
