@@ -121,6 +121,8 @@ pub struct ReadOut<'a> {
     step: IsoStep,
     /// Numbers a pixel: 1 of a mosaic, as many as channels where each pixel is read in all.
     samples: usize,
+    /// How many neighbours of each channel see each one, as [`Cfa::neighbours`] has it: crosstalk between photosites that no mosaic is read of.
+    neighbours: Vec<Vec<f64>>,
     /// Numbers a row.
     width: usize,
     height: usize,
@@ -208,6 +210,7 @@ impl<'a> ReadOut<'a> {
             step,
             sensor,
             samples,
+            neighbours: sensor.cfa.neighbours(),
             width: width * samples,
             height,
         })
@@ -307,14 +310,14 @@ impl<'a> ReadOut<'a> {
         to.iter_mut().zip(line(row)).for_each(|(to, v)| *to = f64::from(*v));
         let fraction = self.sensor.crosstalk;
         if fraction > 0.0 {
-            let (n, neighbours) = (self.samples, self.sensor.cfa.neighbours());
+            let n = self.samples;
             let (above, below) = (row.saturating_sub(1), (row + 1).min(self.height - 1));
             for (x, to) in to.chunks_mut(n).enumerate() {
                 let (left, right) = (x.saturating_sub(1), (x + 1).min(self.width / n - 1));
                 let around = [&line(row)[left * n..], &line(row)[right * n..], &line(above)[x * n..], &line(below)[x * n..]];
                 let mean = |channel: usize| around.iter().map(|pixel| f64::from(pixel[channel])).sum::<f64>() / 4.0;
-                for (own, to) in to.iter_mut().enumerate() {
-                    let gained: f64 = neighbours[own].iter().enumerate().map(|(channel, count)| count * mean(channel)).sum();
+                for (to, neighbours) in to.iter_mut().zip(&self.neighbours) {
+                    let gained: f64 = neighbours.iter().enumerate().map(|(channel, count)| count * mean(channel)).sum();
                     *to = (1.0 - 4.0 * fraction) * *to + fraction * gained;
                 }
             }

@@ -63,10 +63,9 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
         let reader = diopter::sensor::ReadOut::new(&sensor, &reading(k), first.size(), first.bands(), time).map_err(asked)?;
         anyhow::Ok(reader.with_rows_of(first.facts()))
     };
-    prepare(0)?;
+    let line = prepare(0)?.numbers_per_row();
 
     let [width, height] = first.size();
-    let line = prepare(0)?.numbers_per_row();
     let whole = names.len() > 1 && width * height <= KEPT_PIXELS;
     let kept = if whole { Some(open_rows(&args.plane)?.next(height).with_context(place)?) } else { None };
     let mut written = Vec::new();
