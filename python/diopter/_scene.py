@@ -37,7 +37,8 @@ class Material:
 
     @staticmethod
     def conductor(metal: str = "aluminium", roughness: float = 0.0) -> Material:
-        """A metal by its measured index of refraction: silver, gold, copper, aluminium or chromium. ``roughness``: √α of the GGX distribution, 0 to 1."""
+        """A metal by its measured index of refraction: silver, gold, copper, aluminium, chromium, nickel, titanium, iron, platinum,
+        tungsten, brass or stainless-steel. ``roughness``: √α of the GGX distribution, 0 to 1."""
         return Material("conductor", metal=metal, numbers=(("roughness", roughness),))
 
     @staticmethod

@@ -17,6 +17,7 @@ pub mod ply;
 mod polygon;
 pub mod sheet;
 pub mod splats;
+mod udim;
 pub mod usd;
 
 pub use crate::scene::description::DisplacedSurface;

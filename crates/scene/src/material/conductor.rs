@@ -41,7 +41,8 @@ pub enum FacetBounces {
 }
 
 /// Optical constants of metals, `nm,<metal>_n,<metal>_k ...`, linear between the measured points of Johnson & Christy
-/// 1972/1974 (Ag, Au, Cu, Cr) and Rakić 1998 (Al), from refractiveindex.info @ ff11b58 (CC0).
+/// 1972/1974 (Ag, Au, Cu, Cr, Ni, Ti, Fe) and Querry 1985 (brass of 30 % zinc), and of the fits of Rakić 1995 (Al) and 1998 (Pt, W) and Karlsson &
+/// Ribbing 1982 (austenitic stainless steel), from refractiveindex.info @ ff11b58 (CC0).
 const METALS_CSV: &str = include_str!("metals.csv");
 
 impl Conductor {
@@ -56,7 +57,20 @@ impl Conductor {
     }
 
     /// Names of the metals whose optical constants are known.
-    pub const METALS: [&str; 5] = ["silver", "gold", "copper", "aluminium", "chromium"];
+    pub const METALS: [&str; 12] = [
+        "silver",
+        "gold",
+        "copper",
+        "aluminium",
+        "chromium",
+        "nickel",
+        "titanium",
+        "iron",
+        "platinum",
+        "tungsten",
+        "brass",
+        "stainless-steel",
+    ];
 
     /// A measured metal with a GGX width α (0 to 1; below 0.001 a mirror), bounces compensated. `None` for a name not in [`Conductor::METALS`].
     pub fn metal(name: &str, alpha: f32) -> Option<Conductor> {
@@ -176,7 +190,12 @@ mod tests {
         let gold = Conductor::metal("gold", 0.0).unwrap().normal_reflectance();
         assert!(gold.x > 0.9 && gold.z < 0.5, "{gold}");
         assert!(Conductor::metal("silver", 0.0).unwrap().normal_reflectance().min_element() > 0.9);
+        // Brass is yellow, steel reflects a good half of all colours, and nothing is without a table.
+        let [brass, steel] = ["brass", "stainless-steel"].map(|m| Conductor::metal(m, 0.0).unwrap().normal_reflectance());
+        assert!(brass.x > 0.8 && brass.y > 0.7 && brass.z < 0.6, "{brass}");
+        assert!(steel.min_element() > 0.5 && steel.max_element() < 0.72, "{steel}");
+        assert!(Conductor::METALS.iter().all(|m| Conductor::metal(m, 0.0).unwrap().normal_reflectance().min_element() > 0.3));
         assert!(Conductor::metal("unobtainium", 0.0).is_none());
     }
-    const CHECKED: u64 = 15970151187900570254;
+    const CHECKED: u64 = 4960674038398548609;
 }

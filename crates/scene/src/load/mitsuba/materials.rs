@@ -6,6 +6,7 @@
 //! Source: Mitsuba 3, plugin reference (BSDFs, textures).
 
 use super::context::{Context, DEEPEST};
+use super::metals;
 use super::tree::Node;
 use super::values::{self, Shade, boolean, number, transform};
 use super::wrong;
@@ -123,20 +124,18 @@ fn relative_index(node: &Node, inside: f64) -> Read<f32> {
     }
 }
 
+/// An index of refraction or an extinction coefficient against a medium of an index.
+fn within(constants: Spectrum, index: f32) -> Spectrum {
+    match constants {
+        Spectrum::Constant(value) => Spectrum::Constant(value / index),
+        Spectrum::Table(table) => Spectrum::Table(table.scaled(1.0 / index)),
+        Spectrum::TableOfRgb { table, rgb } => Spectrum::TableOfRgb { table: table.scaled(1.0 / index), rgb: rgb / index },
+        other => other,
+    }
+}
+
 /// Reflectances at normal incidence of the coats that stand for gloss without Fresnel reflection: of indices of 5 and 10.
 const NEARLY_EVEN: [f32; 2] = [0.4444, 0.6694];
-
-/// Metals by the names of Mitsuba's data files, where we have measurements.
-const METALS: [(&str, &str); 8] = [
-    ("Ag", "silver"),
-    ("Au", "gold"),
-    ("Cu", "copper"),
-    ("Al", "aluminium"),
-    ("Cr", "chromium"),
-    ("Cu_palik", "copper"),
-    ("Ag_palik", "silver"),
-    ("Al_palik", "aluminium"),
-];
 
 impl Context<'_> {
     /// A BSDF.
@@ -460,18 +459,19 @@ impl Context<'_> {
     }
 
     fn metal(&mut self, node: &Arc<Node>) -> Read<Conductor> {
+        // Of what is around: air, as a rule.
+        let around = index(node, "ext_eta", 1.0)? as f32;
+        if !(0.1..=10.0).contains(&around) {
+            return Err(wrong(node, format!("ext_eta {around}"), "0.1 to 10"));
+        }
         let of = |n: Spectrum, k: Spectrum| Conductor {
-            n,
-            k,
+            n: within(n, around),
+            k: within(k, around),
             alpha: Scalar::Constant(0.0),
             across: None,
             bounces: FacetBounces::Lost,
             tint: None,
         };
-        // Of what is around: air, as a rule.
-        if (index(node, "ext_eta", 1.0)? - 1.0).abs() > 1e-3 {
-            self.skip_unsupported("\"ext_eta\" of metals");
-        }
         if node.child("eta").is_some() || node.child("k").is_some() {
             // Theirs without the other one.
             let part = |name: &str, default: f32| self.shade(node, name).map(|s| s.unwrap_or(Shade::Even(default)).unbounded());
@@ -482,16 +482,11 @@ impl Context<'_> {
             // All is reflected: k² / (4 + k²) of 0.9999 at an index of 1.
             return Ok(of(Spectrum::Constant(1.0), Spectrum::Constant(200.0)));
         }
-        let ours = METALS.iter().find(|m| m.0 == name).map(|m| m.1);
-        match ours.and_then(|m| Conductor::metal(m, 0.0)) {
-            Some(metal) => Ok(Conductor { bounces: FacetBounces::Lost, ..metal }),
+        match metals::of(name) {
+            Some([n, k]) => Ok(of(Spectrum::Table(n), Spectrum::Table(k))),
             None => {
-                let known = METALS.map(|m| m.0).join(", ");
-                Err(wrong(
-                    node,
-                    format!("material \"{name}\""),
-                    format!("eta and k, none, or one of {known}: others are not supported"),
-                ))
+                let known = metals::names().collect::<Vec<_>>().join(", ");
+                Err(wrong(node, format!("material \"{name}\""), format!("eta and k, none, or one of {known}")))
             }
         }
     }

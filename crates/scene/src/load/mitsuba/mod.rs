@@ -14,6 +14,7 @@ mod curves;
 mod lights;
 mod materials;
 mod media;
+mod metals;
 mod shapes;
 mod tree;
 mod values;
@@ -560,6 +561,22 @@ mod tests {
         assert_eq!((metal.n.at(450.0), metal.n.at(650.0)), (0.2, 0.6));
         // Theirs of the other number.
         assert_eq!(metal.k.at(550.0), 1.0);
+    }
+
+    #[test]
+    fn metals_have_the_constants_of_their_names_against_what_is_around() {
+        let metal = |more: &str| {
+            let d = read(&format!("<shape type='sphere'><bsdf type='conductor'>{more}</bsdf></shape>"))?;
+            let Scattering::Conductor(metal) = d.materials[0].scattering.clone() else { panic!("a metal") };
+            Ok::<_, SceneError>([metal.n.at(550.0), metal.k.at(550.0)])
+        };
+        let named = metals::of("W").unwrap().map(|t| t.at(550.0));
+        assert_eq!(metal("<string name='material' value='W'/>").unwrap(), named);
+        let wet = metal("<string name='material' value='W'/><string name='ext_eta' value='water'/>").unwrap();
+        assert!(wet.iter().zip(named).all(|(wet, dry)| (dry / wet - 1.333).abs() < 1e-3), "{wet:?} {named:?}");
+        let e = metal("<string name='material' value='Xy'/>").unwrap_err().to_string();
+        assert!(e.contains("Xy") && e.contains("Ni_palik"), "{e}");
+        assert!(metal("<float name='ext_eta' value='0'/>").is_err());
     }
 
     #[test]

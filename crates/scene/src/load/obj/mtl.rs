@@ -1,11 +1,11 @@
 //! Materials of OBJ files. Source: Wavefront's MTL specification (1995) and its physically based extension (Pr, Pm, Ke, norm; Clara.io 2015).
 
 use super::super::mesh::{BYTE_ORDER_MARK, GREY};
-use super::super::{Fetch, note_missing, read_texture, stand_in};
+use super::super::{Fetch, note_missing, stand_in, udim};
 use super::joined_lines;
 use crate::material::{Bump, BumpUnit, Conductor, Coverage, Emission, EmissionColor, Material, Principled, Scattering};
 use crate::scene::MissingTexture;
-use crate::texture::{Codes, Color, Graph, Image, Scalar, Texture, Wrap};
+use crate::texture::{Codes, Color, Graph, Scalar, Texture, Wrap};
 use diopter_light::Spectrum;
 use diopter_light::color::SRGB_LUMINANCE;
 use glam::{Affine2, Vec2, Vec3};
@@ -117,26 +117,27 @@ impl Picture {
             * Affine2::from_scale_angle_translation(scale, 0.0, shift)
     }
 
-    fn texture(&self, image: Arc<Image>, codes: Codes) -> Texture {
+    fn texture(&self, picture: udim::Picture, codes: Codes) -> Texture {
         let clamps = self.options.get("-clamp").is_some_and(|v| v.iter().any(|v| v == "on"));
         let wrap = [if clamps { Wrap::Clamp } else { Wrap::Repeat }; 2];
-        Texture { codes, wrap, image_from_uv: self.image_from_uv(), ..Texture::color(image) }
+        let (wrap, image_from_uv) = (picture.wrap(wrap), picture.image_from_unit * self.image_from_uv());
+        Texture { codes, wrap, image_from_uv, ..Texture::color(picture.image) }
     }
 
     /// A number for each place: `factor` times the channel that it names, by "-mm base gain" base + gain of that.
-    fn scalar(&self, image: Arc<Image>, factor: f32) -> Scalar {
-        self.scalar_of(image, factor, None)
+    fn scalar(&self, picture: udim::Picture, factor: f32) -> Scalar {
+        self.scalar_of(picture, factor, None)
     }
 
     /// The same of a channel, where no option says another: 0 to 3 for red, green, blue and opacity, [`LUMINANCE`] for all colours.
-    fn scalar_of(&self, image: Arc<Image>, factor: f32, channel: Option<usize>) -> Scalar {
+    fn scalar_of(&self, picture: udim::Picture, factor: f32, channel: Option<usize>) -> Scalar {
         let said =
             self.options.get("-imfchan").and_then(|v| ["r", "g", "b", "m", "l"].iter().position(|c| v.iter().any(|v| v == c)));
-        let is_grey = image.is_grey();
+        let is_grey = picture.image.is_grey();
         let channel = said.or(channel).unwrap_or(0);
         // All channels of what is grey are alike.
         let channel = if channel == LUMINANCE && is_grey { 0 } else { channel };
-        let texture = self.texture(image, Codes::Linear);
+        let texture = self.texture(picture, Codes::Linear);
         let range = self.numbers("-mm");
         let (base, gain) = (range.first().copied().unwrap_or(0.0), range.get(1).copied().unwrap_or(1.0));
         if base == 0.0 && channel != LUMINANCE {
@@ -260,7 +261,7 @@ impl Library {
 /// Pictures that were read, by their names.
 pub(super) struct Pictures<'a> {
     fetch: Fetch<'a>,
-    read: HashMap<String, Option<Arc<Image>>>,
+    read: HashMap<String, Option<udim::Picture>>,
     pub missing: Vec<MissingTexture>,
 }
 
@@ -269,20 +270,17 @@ impl<'a> Pictures<'a> {
         Pictures { fetch, read: HashMap::new(), missing: Vec::new() }
     }
 
-    fn get(&mut self, picture: &Picture) -> Option<Arc<Image>> {
+    fn get(&mut self, picture: &Picture) -> Option<udim::Picture> {
         if let Some(known) = self.read.get(&picture.name) {
             return known.clone();
         }
         // Beside the OBJ file, or beside its materials.
-        let elsewhere = || picture.beside.as_ref().and_then(|name| (self.fetch)(name).ok());
-        let bytes = (self.fetch)(&picture.name).or_else(|e| elsewhere().ok_or(e));
-        let image = match bytes.and_then(|b| read_texture(&b)) {
-            Ok(image) => Some(Arc::new(image)),
-            Err(e) => {
-                note_missing(&mut self.missing, &picture.name, e);
-                None
-            }
+        let read = |name: &str| udim::read(name, &mut |name| (self.fetch)(name));
+        let found = match (read(&picture.name), &picture.beside) {
+            (Err(e), Some(beside)) => read(beside).map_err(|_| e),
+            (found, _) => found,
         };
+        let image = found.map_err(|e| note_missing(&mut self.missing, &picture.name, e)).ok();
         self.read.insert(picture.name.clone(), image.clone());
         image
     }
@@ -298,7 +296,7 @@ impl MtlMaterial {
     }
 
     /// The first of some pictures that is there and can be read.
-    fn picture<'m>(&'m self, keys: &[&'static str], pictures: &mut Pictures) -> Option<(&'m Picture, Arc<Image>)> {
+    fn picture<'m>(&'m self, keys: &[&'static str], pictures: &mut Pictures) -> Option<(&'m Picture, udim::Picture)> {
         keys.iter().find_map(|key| {
             let picture = self.pictures.get(key)?;
             Some((picture, pictures.get(picture)?))
@@ -325,7 +323,7 @@ impl MtlMaterial {
                 Color::Textured { factor: Self::picture_factor(diffuse) * gain, texture: p.texture(i, Codes::Srgb) }
             }
             // Whatever Kd is, what stands in for the picture is seen.
-            Some((p, None)) => Color::Textured { factor: Vec3::ONE, texture: p.texture(stand_in(), Codes::Srgb) },
+            Some((p, None)) => Color::Textured { factor: Vec3::ONE, texture: p.texture(stand_in().into(), Codes::Srgb) },
             None => {
                 let rgb = diffuse.unwrap_or(Vec3::splat(GREY));
                 Color::rgb(rgb.x, rgb.y, rgb.z)
@@ -379,7 +377,7 @@ impl MtlMaterial {
                 Some((p, i)) => {
                     // Its opacity, where it has one, also of the very picture of the colour; else its brightness.
                     let of_color = self.pictures.get("map_Kd").is_some_and(|color| color.name == p.name);
-                    let channel = if i.has_alpha() || of_color { 3 } else { LUMINANCE };
+                    let channel = if i.image.has_alpha() || of_color { 3 } else { LUMINANCE };
                     Coverage::Blend(p.scalar_of(i, opacity, Some(channel)))
                 }
                 None if opacity < 1.0 => Coverage::Blend(Scalar::Constant(opacity)),
@@ -410,7 +408,7 @@ impl MtlMaterial {
             made.normal_map = Some((p.texture(i, Codes::Linear), 1.0));
         } else if let Some((p, i)) = self.picture(&["map_Bump", "bump"], pictures) {
             let strength = p.numbers("-bm").first().copied().unwrap_or(1.0);
-            match !i.is_grey() && i.is_of_normals() {
+            match !i.image.is_grey() && i.image.is_of_normals() {
                 true => made.normal_map = Some((p.texture(i, Codes::Linear), strength)),
                 false => {
                     let height = p.scalar_of(i, strength, Some(LUMINANCE));

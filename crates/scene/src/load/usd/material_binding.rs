@@ -1,6 +1,7 @@
 //! Materials as prims use them.
 
 use super::stage::Fingerprint;
+use crate::load::udim;
 use crate::texture::{Image, Scalar};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -28,7 +29,7 @@ pub struct Shaders {
     pub plain: HashMap<(Option<[u32; 3]>, u32), u32>,
     /// Materials that shine as mesh lights, by their numbers and the light's colour.
     pub shining: HashMap<(u32, [u32; 3]), u32>,
-    pub pictures: HashMap<String, Option<Arc<Image>>>,
+    pub pictures: HashMap<String, Option<udim::Picture>>,
     /// Pictures, the channels that are inverted, and the results.
     pub flipped: Vec<(Arc<Image>, [bool; 3], Arc<Image>)>,
 }

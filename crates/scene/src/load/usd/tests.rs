@@ -106,6 +106,44 @@ fn damaged_text_files_never_panic() {
 }
 
 #[test]
+fn tiles_of_pictures_lie_side_by_side() {
+    let tile = |grey: u8| {
+        let mut png = Vec::new();
+        let image = image::RgbaImage::from_pixel(2, 2, image::Rgba([grey, grey, grey, 255]));
+        image.write_to(&mut std::io::Cursor::new(&mut png), image::ImageFormat::Png).unwrap();
+        png
+    };
+    let text = format!(
+        "#usda 1.0\n( defaultPrim = \"A\" )\ndef Mesh \"A\" {{ {QUAD}\ntexCoord2f[] primvars:st = [(0, 0), (2, 0), (2, 2), (0, 2)] ( interpolation = \"vertex\" )\n\
+        rel material:binding = </A/M>\n\
+        def Material \"M\" {{ token outputs:surface.connect = </A/M/S.outputs:surface>\n\
+        def Shader \"S\" {{ token info:id = \"UsdPreviewSurface\"\ncolor3f inputs:diffuseColor.connect = </A/M/T.outputs:rgb> }}\n\
+        def Shader \"T\" {{ token info:id = \"UsdUVTexture\"\nasset inputs:file = @t/a.<UDIM>.png@\ntoken inputs:sourceColorSpace = \"raw\" }} }} }}"
+    );
+    let (first, beside, above) = (tile(51), tile(102), tile(153));
+    let files: [(&str, &[u8]); 4] =
+        [("a.usda", text.as_bytes()), ("t/a.1001.png", &first), ("t/a.1002.png", &beside), ("t/a.1011.png", &above)];
+    let d = load(package::tests::archive(&files), "a.usdz", &none).unwrap();
+    assert!(d.missing_textures.is_empty());
+    let Scattering::Diffuse(color) = &d.materials[0].scattering else {
+        let Scattering::Principled(p) = &d.materials[0].scattering else { panic!("a surface") };
+        return check(&p.base_color, &d);
+    };
+    check(color, &d);
+
+    /// By the coordinates of the quad's corners: v of files runs up.
+    fn check(color: &Color, d: &Description) {
+        let Color::Textured { texture, .. } = color else { panic!("a picture") };
+        let corners = &d.meshes[0].uvs[0];
+        let at = |u: f32, v: f32| {
+            let p = corners[0] + (corners[1] - corners[0]) * (0.5 * u) + (corners[3] - corners[0]) * (0.5 * v);
+            (texture.at(&[p; 2]).x * 5.0).round()
+        };
+        assert_eq!([at(0.5, 0.5), at(1.5, 0.5), at(0.5, 1.5), at(1.5, 1.5)], [1.0, 2.0, 3.0, 0.0]);
+    }
+}
+
+#[test]
 fn packages_bring_their_pictures() {
     let mut png = Vec::new();
     let image = image::RgbaImage::from_fn(2, 2, |x, y| image::Rgba([x as u8 * 255, y as u8 * 255, 9, 255]));

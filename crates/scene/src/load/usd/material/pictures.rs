@@ -4,7 +4,7 @@ use super::{Input, LONGEST_CHAIN, Read, Uses};
 use crate::load::usd::layer::Value;
 use crate::load::usd::stage::Prim;
 use crate::load::usd::world::World;
-use crate::load::{note_missing, read_texture, stand_in};
+use crate::load::{note_missing, stand_in, udim};
 use crate::texture::levels::linear;
 use crate::texture::{Codes, Color, Graph, Image, Interpolation, Scalar, Texel, Texels, Texture, Wrap};
 use glam::{Affine2, Vec2, Vec3, Vec4};
@@ -30,12 +30,13 @@ impl World<'_> {
             return Ok(None);
         }
         let uv_set = set_of(uses, "st");
-        let image = match self.picture_file(layer, &file) {
-            Some(image) => image,
-            None if codes == Codes::Srgb => stand_in(),
+        let picture = match self.picture_file(layer, &file) {
+            Some(picture) => picture,
+            None if codes == Codes::Srgb => stand_in().into(),
             None => return Ok(None),
         };
-        Ok(Some(Texture { codes, uv_set, ..Texture::color(image) }))
+        let (wrap, image_from_uv) = (picture.wrap([Wrap::Repeat; 2]), picture.image_from_unit);
+        Ok(Some(Texture { codes, uv_set, wrap, image_from_uv, ..Texture::color(picture.image) }))
     }
 
     /// A map of normals: a picture of which 2c − 1 is taken, times a strength.
@@ -134,9 +135,9 @@ impl World<'_> {
             Input::Value(value, _) => four(value).filter(|v| v.is_finite()),
             _ => None,
         };
-        let (image, fallback) = match self.input(node, "file")? {
+        let (picture, fallback) = match self.input(node, "file")? {
             Input::Value(Value::Text(file), layer) if !file.is_empty() => match self.picture_file(layer, &file) {
-                Some(image) => (Some(image), None),
+                Some(picture) => (Some(picture), None),
                 None => (None, said),
             },
             _ => {
@@ -144,13 +145,13 @@ impl World<'_> {
                 (None, Some(said.unwrap_or(Vec4::W)))
             }
         };
-        let texture = image.map(|image| Texture {
-            image,
+        let texture = picture.map(|picture| Texture {
             codes,
-            wrap,
+            wrap: picture.wrap(wrap),
             interpolation: Interpolation::Bilinear,
             uv_set: set_of(uses, &varname),
-            image_from_uv: flip * Affine2::from_scale(tiling) * transform * flip,
+            image_from_uv: picture.image_from_unit * flip * Affine2::from_scale(tiling) * transform * flip,
+            image: picture.image,
         });
         let channel = match output {
             "r" | "outr" => Some(0),
@@ -194,18 +195,15 @@ impl World<'_> {
         Ok(("st".to_owned(), transform))
     }
 
-    fn picture_file(&mut self, layer: usize, file: &str) -> Option<Arc<Image>> {
+    fn picture_file(&mut self, layer: usize, file: &str) -> Option<udim::Picture> {
         let key = self.stage.file_key(layer, file);
         if let Some(known) = self.shaders.pictures.get(&key) {
             return known.clone();
         }
-        let read = match file.contains("<UDIM>") {
-            true => Err("tiles of pictures (UDIM) are not supported".to_owned()),
-            false => self.stage.file(layer, file).and_then(|bytes| read_texture(&bytes)),
-        };
-        let image = read.map(Arc::new).map_err(|reason| note_missing(&mut self.description.missing_textures, file, reason)).ok();
-        self.shaders.pictures.insert(key, image.clone());
-        image
+        let read = udim::read(file, &mut |name| self.stage.file(layer, name));
+        let picture = read.map_err(|reason| note_missing(&mut self.description.missing_textures, file, reason)).ok();
+        self.shaders.pictures.insert(key, picture.clone());
+        picture
     }
 }
 
