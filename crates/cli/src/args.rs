@@ -174,9 +174,9 @@ pub struct QuickLook {
     /// Distance of the sharp plane: "2.5m" or "inf".
     #[arg(long, value_name = "DISTANCE", default_value = "inf")]
     pub focus: Distance,
-    /// Film format: a name ("full frame", "APS-C", "4/3") or mm ("36x24").
-    #[arg(long, value_name = "NAME|MM", default_value = "full frame")]
-    pub format: String,
+    /// Film format: a name ("full frame", "APS-C", "4/3") or mm ("36x24"); without, that of the plane, and full frame of other pictures.
+    #[arg(long, value_name = "NAME|MM")]
+    pub format: Option<String>,
     /// Blades of the iris; round without.
     #[arg(long, value_name = "N")]
     pub blades: Option<u32>,

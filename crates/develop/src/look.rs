@@ -112,7 +112,8 @@ pub struct Baked {
     pub worst: f64,
 }
 
-/// Bakes exposure, tone curve, grading and table of a recipe into one 3D table of `size` points a side (2 to 256) for `input` codes, which gives sRGB codes.
+/// Bakes exposure, tone curve, grading and table of a recipe into one 3D table of `size` points a side (2 to 256) for `input` codes, which gives sRGB codes; of linear
+/// light, linear light.
 pub fn bake(recipe: &Recipe, lut: Option<Lut>, size: usize, input: LutInput) -> Baked {
     let sdr = Recipe { output: crate::recipe::Output::default(), ..recipe.clone() };
     let look = Look::new(&sdr, lut);
@@ -131,7 +132,11 @@ pub fn bake(recipe: &Recipe, lut: Option<Lut>, size: usize, input: LutInput) -> 
         LutInput::Acescct => (ap1_from_srgb * scene).map(lut::acescct_code),
         LutInput::Log => scene.map(lut::log_code),
     };
-    let direct = |scene: Vec3| srgb_codes(look.apply(scene * brighten));
+    let is_light = input == LutInput::Linear;
+    let direct = |scene: Vec3| {
+        let light = look.apply(scene * brighten);
+        if is_light { light.clamp(Vec3::ZERO, Vec3::ONE) } else { srgb_codes(light) }
+    };
     let title = format!("diopter: {} from {}", curve_name(recipe.tone.curve), input_name(input));
     let lut = Lut::from_function(&title, size, |c| direct(light(c)));
     // Colours of the scene, surfaces of all hues from seven stops below middle grey to where the input ends.
@@ -141,7 +146,7 @@ pub fn bake(recipe: &Recipe, lut: Option<Lut>, size: usize, input: LutInput) -> 
     };
     let white = xyz_from_xy(D65_XY);
     let to_lab = |code: Vec3| {
-        let light = code.map(diopter_light::color::srgb_decode).as_dvec3();
+        let light = if is_light { code } else { code.map(diopter_light::color::srgb_decode) }.as_dvec3();
         lab(RgbSpace::Srgb.xyz_from_rgb() * light, white)
     };
     let (mut sum, mut worst, mut count) = (0.0, 0.0f64, 0.0);
@@ -214,12 +219,18 @@ mod tests {
             grade: Grade { saturation: 1.2, ..Grade::default() },
             ..Recipe::default()
         };
-        let baked = bake(&recipe, None, 33, LutInput::Log);
-        let mut with = Recipe::default();
-        with.lut.input = LutInput::Log;
-        let (direct, table) = (Look::new(&recipe, None), Look::new(&with, Some(baked.lut)));
-        for scene in [Vec3::splat(0.18), Vec3::new(0.5, 0.2, 0.05), Vec3::new(0.02, 0.1, 0.9)] {
-            assert!((srgb_codes(direct.apply(scene)) - srgb_codes(table.apply(scene))).length() < 0.02, "{scene}");
+        // Of the whole scene, or of a picture that no curve has changed before.
+        for (input, curve) in [(LutInput::Log, Curve::Agx), (LutInput::Srgb, Curve::Linear), (LutInput::Linear, Curve::Linear)] {
+            let baked = bake(&recipe, None, 33, input);
+            let mut with = Recipe { tone: Tone { curve, ..Tone::default() }, ..Recipe::default() };
+            with.lut.input = input;
+            let (direct, table) = (Look::new(&recipe, None), Look::new(&with, Some(baked.lut)));
+            // Linear light has few points where it is dark.
+            let most = if input == LutInput::Linear { 0.05 } else { 0.02 };
+            for scene in [Vec3::splat(0.18), Vec3::new(0.5, 0.2, 0.05), Vec3::new(0.04, 0.1, 0.9)] {
+                let off = (srgb_codes(direct.apply(scene)) - srgb_codes(table.apply(scene))).length();
+                assert!(off < most, "{input:?} {scene}: {off}");
+            }
         }
     }
 }

@@ -100,6 +100,7 @@ fn momentary(file: &ShotFile, film: &EventFilm) -> Result<ShotFile, ShotError> {
         ("--metering", e.metering.is_some() || e.metering_at.is_some()),
         ("--compensation", e.compensation.is_some()),
         ("a shutter of its own", file.shutter != Default::default()),
+        ("--baseline", e.baseline.is_some()),
     ];
     if let Some((what, _)) = of_frames.iter().find(|(_, is_set)| *is_set) {
         let expected = "none of the settings of cameras that take frames: an event sensor has no exposure time, meter or ISO speed; its aperture, ND filter and lens say how much light there is";
@@ -110,12 +111,24 @@ fn momentary(file: &ShotFile, film: &EventFilm) -> Result<ShotFile, ShotError> {
     if let Some((what, _)) = not_taken.iter().find(|(_, is_set)| *is_set) {
         return Err(wrong("events", what, "none: --duration says how long events are taken"));
     }
-    if file.camera.body.is_some() || file.camera.calibration.is_some() {
+    let r = &file.render;
+    let of_pictures = [
+        ("--denoise", r.denoise.is_some()),
+        ("--fireflies", r.fireflies.is_some()),
+        ("--truth-channels", r.truth_channels.is_some()),
+    ];
+    if let Some((what, _)) = of_pictures.iter().find(|(_, is_set)| *is_set) {
         return Err(wrong(
-            "body",
-            file.camera.body.clone().unwrap_or_else(|| "a calibration".into()),
-            "none: --sensor says whose pixels they are",
+            "events",
+            what,
+            "none: events come from light as it is, every sample counted, and have no truth beside them but --keep-light",
         ));
+    }
+    if let Some(body) = &file.camera.body {
+        return Err(wrong("body", body, "none: --sensor says whose pixels they are"));
+    }
+    if let Some(camera) = &file.camera.calibration {
+        return Err(wrong("camera", camera.display(), "a lens (--lens): a calibration is one of another sensor's pixels"));
     }
     if !(film.duration_s > 0.0 && film.duration_s <= 4e7) {
         return Err(wrong("duration", Seconds(film.duration_s), "a time above 0"));

@@ -17,6 +17,7 @@ mod paged;
 mod pixel_cone;
 mod pixel_groups;
 pub(crate) mod response;
+mod roulette;
 pub(crate) mod settings;
 mod starbursts;
 mod sums;
@@ -396,6 +397,7 @@ impl Exposure<'_> {
             analyzers: response.analyzer_groups(),
             light_traced: false,
             groups: None,
+            roulette: None,
         }
     }
 
@@ -502,9 +504,11 @@ impl Exposure<'_> {
         let connections = self.connections(&unit);
         let may_reuse = self.may_reuse();
         unit.groups = may_reuse.then(|| pixel_groups::PixelGroups::new(film, unit.in_radiance()));
+        unit.roulette = self.roulette_rates(&unit);
         let help = self.help(&unit, connections.as_ref(), caustics.as_ref());
         let connections = connections.filter(|_| help == trial::Help::Connections);
         unit.groups = unit.groups.filter(|_| help == trial::Help::Reuse);
+        unit.roulette = unit.roulette.filter(|_| help == trial::Help::Alone);
         sums.groups = unit.groups;
         let unit = unit;
         let length = match caustics.is_some() || connections.is_some() {

@@ -38,12 +38,16 @@ impl Target {
 }
 
 impl Camera {
-    /// Whether the lens has an axis along which depth counts; all around, depth is distance.
+    /// Whether the lens has an axis along which depth counts; of panoramas, which look all around, depth is distance.
     pub(crate) fn has_axis(&self) -> bool {
+        !matches!(&self.lens, Lens::Pinhole(p) if matches!(p.projection, Projection::Panorama { .. }))
+    }
+
+    /// Whether what is sharp at once is a plane across the axis; of others it is a sphere about the camera.
+    pub(crate) fn focuses_on_planes(&self) -> bool {
         match &self.lens {
-            Lens::Pinhole(p) => !matches!(p.projection, Projection::Panorama { .. }),
-            Lens::Calibrated(lens) => lens.has_axis(),
-            _ => true,
+            Lens::Calibrated(lens) => lens.focuses_on_planes(),
+            _ => self.has_axis(),
         }
     }
 }

@@ -13,7 +13,7 @@
 
 use crate::Camera;
 use crate::depth_of_field::circle_mm;
-use diopter_image::{FocalPlane, Raster};
+use diopter_image::{ExposureFacts, FocalPlane, Raster};
 use diopter_lens::{Iris, Lens, Pinhole};
 use diopter_light::instruction_set;
 use diopter_light::units::Millimeters;
@@ -429,7 +429,7 @@ pub fn quick_look(picture: &Raster<f32>, depth: &[f32], optics: &Optics) -> Opti
     Some(out)
 }
 
-/// The focal plane of a sharp exposure as a lens would have blurred it: bands in groups of three. Its truth stays; its noise estimate is
+/// The focal plane of a sharp exposure as a lens would have blurred it: bands in groups of three. Its facts are those of that lens; its truth stays; its noise estimate is
 /// blurred as if it were light, and no more than an estimate.
 pub fn of_plane(plane: &FocalPlane, optics: &Optics) -> FocalPlane {
     let blurred = |raster: &Raster<f32>, signed: bool| {
@@ -447,7 +447,37 @@ pub fn of_plane(plane: &FocalPlane, optics: &Optics) -> FocalPlane {
         }
         out
     };
-    FocalPlane { mean: blurred(&plane.mean, false), half_difference: blurred(&plane.half_difference, true), ..plane.clone() }
+    let facts = ExposureFacts {
+        focal_length_mm: optics.focal_mm,
+        focal_length_35mm_mm: optics.focal_mm * FULL_FRAME_WIDTH_MM.hypot(FULL_FRAME_HEIGHT_MM)
+            / film_diagonal(optics.film_width_mm, plane.width(), plane.height()),
+        f_number: optics.f_number,
+        focus_distance_m: optics.focus_m.is_finite().then_some(optics.focus_m),
+        extension_mm: 1.0 / (1.0 / optics.focal_mm - 1.0 / (1000.0 * optics.focus_m)) - optics.focal_mm,
+        focus_mode: "manual".into(),
+        ..plane.facts.clone()
+    };
+    FocalPlane {
+        mean: blurred(&plane.mean, false),
+        half_difference: blurred(&plane.half_difference, true),
+        facts,
+        ..plane.clone()
+    }
+}
+
+/// Width of the film of a plane, mm, by its focal lengths; `None` where these are not known.
+pub fn film_width_of(plane: &FocalPlane) -> Option<f64> {
+    let facts = &plane.facts;
+    let diagonal = FULL_FRAME_WIDTH_MM.hypot(FULL_FRAME_HEIGHT_MM) * facts.focal_length_mm / facts.focal_length_35mm_mm;
+    (diagonal.is_finite() && diagonal > 0.0).then(|| diagonal / film_diagonal(1.0, plane.width(), plane.height()))
+}
+
+const FULL_FRAME_WIDTH_MM: f64 = 36.0;
+const FULL_FRAME_HEIGHT_MM: f64 = 24.0;
+
+/// Diagonal of a film of a width with so many square pixels.
+fn film_diagonal(film_width_mm: f64, width: usize, height: usize) -> f64 {
+    film_width_mm * 1.0f64.hypot(height as f64 / width as f64)
 }
 
 /// Whether a camera's lens draws its corners elsewhere than a hole would (by more than 5 %), or leaves them dark.

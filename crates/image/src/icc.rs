@@ -119,6 +119,22 @@ pub fn encoding_of(profile: &[u8]) -> Option<Encoding> {
     all.filter(|(_, d)| *d < SAME_CURVE).min_by(|a, b| a.1.total_cmp(&b.1)).map(|(encoding, _)| encoding)
 }
 
+/// Linear sRGB from linear colours of a picture with a profile, row by row: by the profile's primaries, adapted to the white that profiles have. `None` of profiles without primaries (grey
+/// ones, tables alone), of those of sRGB itself, and of what cannot be read.
+pub fn srgb_from(profile: &[u8]) -> Option<[[f32; 3]; 3]> {
+    /// Of an entry of the matrix: "sRGB" profiles are rounded differently.
+    const SAME: f64 = 3e-3;
+    let read = ColorProfile::new_from_slice(profile).ok()?;
+    let colorants = [read.red_colorant, read.green_colorant, read.blue_colorant];
+    if colorants.iter().any(|c| !(c.y > 0.0)) {
+        return None;
+    }
+    let matrix = read.transform_matrix(&ColorProfile::new_srgb()).v;
+    let is_other = (0..3).any(|row| (0..3).any(|k| (matrix[row][k] - f64::from(u8::from(row == k))).abs() > SAME));
+    let is_finite = matrix.iter().flatten().all(|v| v.is_finite());
+    (is_other && is_finite).then(|| matrix.map(|row| row.map(|v| v as f32)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -139,6 +155,24 @@ mod tests {
         assert_eq!(encoding_of(&p.encode().unwrap()), Some(Encoding::Gamma22));
     }
     use diopter_light::color::D65_XY;
+
+    #[test]
+    fn colors_of_other_primaries_become_srgb() {
+        assert_eq!(srgb_from(&profile(RgbSpace::Srgb, Encoding::Srgb).unwrap()), None);
+        assert_eq!(srgb_from(b"no profile"), None);
+        for space in [RgbSpace::Rec2020, RgbSpace::DisplayP3] {
+            let matrix = srgb_from(&profile(space, Encoding::Gamma22).unwrap()).unwrap();
+            // White stays white, and a colour is what the space itself makes of it.
+            let times = |c: [f32; 3]| matrix.map(|row| row.iter().zip(c).map(|(m, v)| m * v).sum::<f32>());
+            assert!(times([1.0; 3]).iter().all(|v| (v - 1.0).abs() < 2e-3), "{:?}", times([1.0; 3]));
+            let color = [0.6f32, 0.3, 0.1];
+            let expected = RgbSpace::Srgb.xyz_from_rgb().inverse() * space.xyz_from_rgb();
+            let columns = expected.to_cols_array_2d();
+            let expected: [f32; 3] = std::array::from_fn(|row| (0..3).map(|k| columns[k][row] as f32 * color[k]).sum());
+            let near = times(color).iter().zip(expected).all(|(a, b)| (a - b).abs() < 3e-3);
+            assert!(near, "{space:?} {:?} {expected:?}", times(color));
+        }
+    }
 
     #[test]
     fn profiles_say_what_the_codes_are() {

@@ -16,6 +16,22 @@ pub struct ColorCalibration {
     pub xyz_d50_from_balanced: Vec<[f64; 3]>,
 }
 
+/// How much the first of a body's calibrations counts in light of a colour temperature, 0 to 1; `None` with fewer than two that have one of their own. Source: DNG 1.6, chapter 6,
+/// "Mapping camera color space to CIE XYZ space": by the reciprocal of the temperature.
+pub fn fraction_of_first(calibrations: &[ColorCalibration], kelvin: f64) -> Option<f64> {
+    let [first, .., last] = calibrations else { return None };
+    let (warm, cool) = (first.light.kelvin()?, last.light.kelvin()?);
+    (warm != cool).then(|| ((1.0 / kelvin - 1.0 / cool) / (1.0 / warm - 1.0 / cool)).clamp(0.0, 1.0))
+}
+
+/// Rows of the colour matrix in light of a colour temperature, one a channel, between two calibrations; `None` without any.
+pub fn camera_from_xyz(calibrations: &[ColorCalibration], kelvin: f64) -> Option<Vec<[f64; 3]>> {
+    let last = &calibrations.last()?.camera_from_xyz;
+    let Some(s) = fraction_of_first(calibrations, kelvin) else { return Some(last.clone()) };
+    let between = |(a, b): (&[f64; 3], &[f64; 3])| std::array::from_fn(|k| a[k] * s + b[k] * (1.0 - s));
+    Some(calibrations[0].camera_from_xyz.iter().zip(last).map(between).collect())
+}
+
 /// Factor from fractions of saturation to light of the scene in which metered grey is 18 %: saturation-based speeds put it at 10/78 of saturation (ISO 12232). DNG's `BaselineExposure`
 /// counts from fractions of saturation, [`RawHeader::baseline_ev`] from there.
 pub const GREY_GAIN: f64 = 0.18 * 78.0 / 10.0;

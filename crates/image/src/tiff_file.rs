@@ -38,7 +38,7 @@ fn write_to(picture: &dyn PictureSource, to: &mut dyn WriteSeek) -> Result<(), I
     };
     let mut image = file.new_image::<RGB16>(width as u32, height as u32).map_err(io)?;
     let profile = icc::profile(picture.space(), picture.encoding())?;
-    image.encoder().write_tag(Tag::IccProfile, profile.as_slice()).map_err(io)?;
+    write_fields(image.encoder(), &[(Tag::IccProfile.to_u16(), Field::Undefined(profile))])?;
     if let Some(facts) = picture.facts() {
         for (tag, text) in exif::texts(facts) {
             image.encoder().write_tag(Tag::from_u16_exhaustive(tag), text.as_str()).map_err(io)?;

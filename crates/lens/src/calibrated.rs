@@ -197,13 +197,8 @@ impl CalibratedLens {
     }
 
     /// Whether it focuses on planes across the axis instead of spheres.
-    fn focuses_on_planes(&self) -> bool {
+    pub fn focuses_on_planes(&self) -> bool {
         matches!(&self.view, View::Model(model) if model.kind().is_perspective())
-    }
-
-    /// Whether directions have a depth along the axis; if not, depth is distance.
-    pub fn has_axis(&self) -> bool {
-        self.focuses_on_planes()
     }
 
     fn thin(&self) -> Option<ThinLens> {

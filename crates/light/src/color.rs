@@ -93,6 +93,13 @@ pub fn xy_from_xyz(xyz: DVec3) -> (f64, f64) {
     (xyz.x / sum, xyz.y / sum)
 }
 
+/// Correlated colour temperature of a chromaticity, K, 1000 to 40 000. Source: McCamy 1992, "Correlated color temperature as an explicit function of
+/// chromaticity coordinates" (Color Research & Application 17); within 2 K from 2856 to 6500.
+pub fn kelvin_from_xy((x, y): (f64, f64)) -> f64 {
+    let n = (x - 0.3320) / (0.1858 - y);
+    (((449.0 * n + 3525.0) * n + 6823.3) * n + 5520.33).clamp(1000.0, 40_000.0)
+}
+
 /// Adapts XYZ seen under the first white to the second, each CIE xy (linear Bradford transform, Lam 1985).
 pub fn bradford(from_xy: (f64, f64), to_xy: (f64, f64)) -> DMat3 {
     if from_xy == to_xy {

@@ -36,6 +36,7 @@ pub mod texture;
 pub use medium_stack::Immersion;
 pub use other_exposure::OtherExposure;
 pub use radiance::{FirstSurface, PathSettings};
+pub use russian_roulette::RouletteRates;
 pub use scene::{Description, Object, Scene, Shape};
 
 /// Why a scene cannot be had.

@@ -44,6 +44,7 @@ pub use incident::Incident;
 use crate::light::EmitterMis;
 use crate::light_paths::LightPaths;
 use crate::medium_stack::Immersion;
+use crate::russian_roulette::RouletteRates;
 use crate::scene::Scene;
 use diopter_light::random::Sampler;
 use diopter_light::{Ray, SampledSpectrum, SampledWavelengths};
@@ -84,6 +85,8 @@ pub struct CameraPath<'a> {
     pub emitter_mis: Option<EmitterMis<'a>>,
     /// What the camera stands in.
     pub immersion: Immersion,
+    /// How many paths are worth following on where some are not; all without. Not of paths that reuse light.
+    pub roulette: Option<&'a RouletteRates>,
 }
 
 impl CameraPath<'_> {
@@ -96,6 +99,7 @@ impl CameraPath<'_> {
             light_paths: LightPaths::default(),
             emitter_mis: None,
             immersion: Immersion::NONE,
+            roulette: None,
         }
     }
 }

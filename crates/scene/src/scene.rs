@@ -313,7 +313,7 @@ impl Scene {
 
     /// Whether no medium scatters, shines, or differs from place to place.
     #[inline]
-    pub(crate) fn media_only_absorb(&self) -> bool {
+    pub fn media_only_absorb(&self) -> bool {
         self.built.media_only_absorb && self.air.is_none()
     }
 

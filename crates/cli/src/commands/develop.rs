@@ -3,11 +3,12 @@
 use super::{print_json, read_raw};
 use crate::args::Develop;
 use crate::output::{self, Format, Kind, Output};
-use crate::watch::{say, watched};
+use crate::watch::{say, stop, watched};
 use crate::{Stopped, UsageError, effect, step_pictures, views};
 use anyhow::{Context, anyhow};
 use diopter::develop::lut::Lut;
 use diopter::develop::{Recipe, SETTINGS};
+use diopter::expose::ProgressReporter;
 use diopter::image::{Encoding, RawImage, png};
 use diopter::recipe_file;
 use diopter::shot::ShotError;
@@ -55,7 +56,7 @@ pub fn run(args: &Develop, json: bool) -> anyhow::Result<()> {
     let mut reports = Vec::new();
     let mut failed = 0;
     let several = jobs.len() > 1;
-    watched("developing", |watch| {
+    let mut all = |watch: &ProgressReporter| {
         for (i, job) in jobs.iter().enumerate() {
             if watch.cancel.load(Ordering::Relaxed) {
                 break;
@@ -78,7 +79,12 @@ pub fn run(args: &Develop, json: bool) -> anyhow::Result<()> {
             }
         }
         Ok(())
-    })?;
+    };
+    // A single file has nothing to end cleanly: a signal stops it at once.
+    match several {
+        true => watched("developing", all)?,
+        false => all(&ProgressReporter { cancel: stop(), progress: &|_| () })?,
+    }
     if let Some(output) = saved {
         // Its table is found from wherever the recipe lies.
         let mut whole = recipe.clone();

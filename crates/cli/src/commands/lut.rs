@@ -6,11 +6,19 @@ use crate::args::LutVerb;
 use crate::output::Output;
 use crate::watch::{say, warn};
 use anyhow::anyhow;
-use diopter::develop::{Recipe, bake};
+use diopter::develop::{Recipe, SETTINGS, bake};
 use diopter::recipe_file;
 use diopter::shot::ShotError;
 use std::io::Write;
 use std::path::Path;
+
+/// Settings of a recipe that differ from the usual ones and are not in a table.
+fn left_out(recipe: &Recipe) -> Vec<&'static str> {
+    let default = Recipe::default();
+    let is_held = |name: &str| name == "exposure.ev" || ["tone.", "grade.", "lut."].iter().any(|part| name.starts_with(part));
+    let differs = |name: &&str| !is_held(name) && recipe.value(name) != default.value(name);
+    SETTINGS.iter().map(|setting| setting.name).filter(differs).collect()
+}
 
 /// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(verb: &LutVerb, json: bool) -> anyhow::Result<()> {
@@ -41,8 +49,12 @@ pub fn run(verb: &LutVerb, json: bool) -> anyhow::Result<()> {
             let mut recipe = Recipe::default();
             developing.apply(&mut recipe)?;
             let input = recipe.with("lut.input", input).map_err(ShotError::from)?.lut.input;
-            if recipe.local.compression != 0.0 || recipe.local.detail != 1.0 || recipe.sharpen.amount != 0.0 {
-                warn("a table holds what changes each colour by itself: local contrast and sharpening are left out");
+            let left_out = left_out(&recipe);
+            if !left_out.is_empty() {
+                warn(&format!(
+                    "a table holds what changes each colour by itself, and gives sRGB: without effect are {}",
+                    left_out.join(", ")
+                ));
             }
             let read = [&developing.lut, &developing.recipe].into_iter().flatten().map(|p| p.as_path());
             crate::output::distinct(

@@ -49,7 +49,9 @@ fn series(args: &Merge, json: bool) -> anyhow::Result<()> {
     let raws: Vec<RawImage> = args.parts.iter().map(|p| read_raw(p)).collect::<anyhow::Result<_>>()?;
     let merged = hdr::merge(&raws).map_err(|e| UsageError(e.into()))?;
     let written = output::write_pictures(outputs, &merged, None, &Recipe::default(), None, Format::default())?;
-    let range = hdr::extra_range_ev(&raws, &merged).map_or(String::new(), |ev| format!(", {ev:.1} EV more range than one"));
+    let range = hdr::extra_range_ev(&raws, &merged)
+        .filter(|ev| *ev >= 0.05)
+        .map_or(String::new(), |ev| format!(", {ev:.1} EV more range than one"));
     say(&format!("{}{range}", count_of_pictures(raws.len())));
     written.iter().for_each(|p| say(&format!("wrote {}", p.display())));
     if json {

@@ -10,7 +10,7 @@ use diopter::image::{Encoding, ImageError, Picture, exr};
 use diopter::lens::Iris;
 use diopter::light::color::RgbSpace;
 use diopter::quantity::FNumber;
-use diopter::quick_look::{Optics, of_plane, quick_look};
+use diopter::quick_look::{Optics, film_width_of, of_plane, quick_look};
 use diopter::sensor::format::{FORMATS, Format};
 use diopter::shot::ShotError;
 use std::time::Instant;
@@ -20,10 +20,14 @@ pub fn run(args: &QuickLook, json: bool) -> anyhow::Result<()> {
     output::distinct([args.picture.as_path()], [args.output.as_path()])?;
     let wrong = |text: String| anyhow::Error::from(UsageError(anyhow!(text)));
     let output = output::prepare_exr(&args.output)?;
-    let format = Format::parse(&args.format).ok_or_else(|| {
-        let names: Vec<&str> = FORMATS.iter().map(|f| f.names[0]).collect();
-        wrong(format!("format \"{}\": expected one of {}, or width x height in mm such as 36x24", args.format, names.join(", ")))
-    })?;
+    let parsed = |text: &str| {
+        Format::parse(text).ok_or_else(|| {
+            let names: Vec<&str> = FORMATS.iter().map(|f| f.names[0]).collect();
+            wrong(format!("format \"{text}\": expected one of {}, or width x height in mm such as 36x24", names.join(", ")))
+        })
+    };
+    let asked = args.format.as_deref().map(parsed).transpose()?;
+    let full_frame = parsed("full frame")?;
     let iris = match args.blades {
         None => Iris::Round,
         Some(n) => {
@@ -54,11 +58,13 @@ pub fn run(args: &QuickLook, json: bool) -> anyhow::Result<()> {
             args.aperture.0, args.focus
         )));
     }
+    let own = plane.as_ref().filter(|_| asked.is_none()).and_then(film_width_of);
+    let format = asked.unwrap_or(full_frame);
     let optics = |width: usize, height: usize| {
         // The picture fills the format's width or height, whichever its shape uses fully.
         let shape = width as f64 / height as f64;
-        let film_width = if shape > format.width_mm / format.height_mm { format.width_mm } else { format.height_mm * shape };
-        Optics::thin(focal, args.aperture.0, args.focus.0, film_width, &iris)
+        let fills = if shape > format.width_mm / format.height_mm { format.width_mm } else { format.height_mm * shape };
+        Optics::thin(focal, args.aperture.0, args.focus.0, own.unwrap_or(fills), &iris)
     };
     let (begun, seconds);
     let path = match plane {

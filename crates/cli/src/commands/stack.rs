@@ -3,7 +3,7 @@
 use super::{count_of_pictures, named_once, print_json, read_raw};
 use crate::args::Stack;
 use crate::output::{self, Kind, Output};
-use crate::watch::say;
+use crate::watch::{say, warn};
 use crate::{UsageError, effect};
 use anyhow::anyhow;
 use diopter::develop::lut::Lut;
@@ -24,6 +24,7 @@ pub fn run(args: &Stack, json: bool) -> anyhow::Result<()> {
     args.developing.apply(&mut recipe)?;
     let lut = diopter::recipe_file::lut(&recipe)?;
     let raws: Vec<RawImage> = args.raw.iter().map(|p| read_raw(p)).collect::<anyhow::Result<_>>()?;
+    warn_of_exposures(&raws);
     let written = write(outputs, &raws, &[], &recipe, lut.as_ref())?;
     say(&count_of_pictures(raws.len()));
     written.iter().for_each(|p| say(&format!("wrote {}", p.display())));
@@ -31,6 +32,24 @@ pub fn run(args: &Stack, json: bool) -> anyhow::Result<()> {
         print_json(&serde_json::json!({ "files": written, "pictures": raws.len() }))?;
     }
     Ok(())
+}
+
+/// Says where pictures of a series are differently bright: parts of the result would be.
+fn warn_of_exposures(raws: &[RawImage]) {
+    /// EV, by time, f-number and speed: lenses that breathe differ by less.
+    const SAME: f64 = 0.5;
+    let ev = raws.iter().map(|raw| {
+        let facts = &raw.header.facts;
+        (facts.exposure_s * facts.speed()? / facts.f_number.powi(2)).log2().into()
+    });
+    let Some(ev) = ev.collect::<Option<Vec<f64>>>().filter(|ev| ev.iter().all(|ev| ev.is_finite())) else { return };
+    let (least, most) = ev.iter().fold((f64::MAX, f64::MIN), |(a, b), ev| (a.min(*ev), b.max(*ev)));
+    if most - least > SAME {
+        warn(&format!(
+            "the pictures are exposed up to {:.1} EV apart: what is taken of each is as bright as it is there; expected one exposure for all (mode M)",
+            most - least
+        ));
+    }
 }
 
 /// Checks names and folders of stacked pictures. Fails on a DNG, on other endings, and where one cannot be written.

@@ -995,6 +995,24 @@ fn quick_looks_are_made_of_planes_and_of_pictures_with_depth() {
     f.ok(&with(&["expose", "--lens", "pinhole"], &["-o", "sharp.exr"]));
     f.ok(&["quick-look", "sharp.exr", "--aperture", "f/2", "--focus", "0.8m", "-o", "soft.exr"]);
     f.ok(&["read-out", "soft.exr", "-o", "soft.dng"]);
+    let facts = |file: &str| {
+        let plane = read_focal_plane(std::io::BufReader::new(std::fs::File::open(f.path(file)).unwrap())).unwrap();
+        (plane.facts, plane.mean.data)
+    };
+    let (soft, blurred) = facts("soft.exr");
+    assert_eq!((soft.f_number, soft.focus_distance_m), (2.0, Some(0.8)));
+    // The film of the plane's own body, as `--format` would say it: circles are larger in a picture of a smaller film.
+    f.ok(&with(&["expose", "--lens", "pinhole", "--body", "canon-700d"], &["-o", "small.exr"]));
+    let quick = |more: &[&str], out: &str| {
+        f.ok(&[&["quick-look", "small.exr", "--aperture", "f/2", "--focus", "0.8m", "-o", out], more].concat())
+    };
+    quick(&[], "own.exr");
+    quick(&["--format", "22.3x14.9"], "said.exr");
+    quick(&["--format", "full frame"], "other.exr");
+    let [own, said, other] = ["own.exr", "said.exr", "other.exr"].map(|file| facts(file).1);
+    let apart = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum::<f32>();
+    assert!(apart(&own, &said) < 0.1 * apart(&own, &other), "{} {}", apart(&own, &said), apart(&own, &other));
+    assert_eq!(blurred.len(), own.len());
     let (code, message) = f.fails(&["quick-look", "sharp.exr", "--focus", "1mm", "-o", "no.exr"]);
     assert!(code == 2 && message.contains("focal length"), "{code} {message}");
     f.ok(&with(&["shoot", "--quick"], &["-o", "quick.png"]));

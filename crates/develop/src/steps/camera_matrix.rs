@@ -5,8 +5,8 @@
 
 use crate::region::Planes;
 use diopter_image::RawHeader;
-use diopter_image::raw::ColorCalibration;
-use diopter_light::color::{D50_XY, D65_XY, RgbSpace, bradford, xy_from_xyz, xyz_from_xy};
+use diopter_image::raw::{self, ColorCalibration};
+use diopter_light::color::{D50_XY, D65_XY, RgbSpace, bradford, kelvin_from_xy, xy_from_xyz, xyz_from_xy};
 use glam::{DMat3, DVec3, Vec3};
 
 /// Linear sRGB of each balanced channel. `neutral`: camera signals of white.
@@ -28,22 +28,9 @@ pub fn apply(channels: &Planes, columns: &[Vec3]) -> Planes {
     Planes { region: channels.region, planes: rgb.into() }
 }
 
-/// How much the first (warmest) of the calibrations counts at a temperature; `None` with fewer than two that have one.
-fn fraction(header: &RawHeader, kelvin: f64) -> Option<f64> {
-    let [first, .., last] = header.calibrations.as_slice() else { return None };
-    let (warm, cool) = (first.light.kelvin()?, last.light.kelvin()?);
-    if warm == cool {
-        return None;
-    }
-    Some(((1.0 / kelvin - 1.0 / cool) / (1.0 / warm - 1.0 / cool)).clamp(0.0, 1.0))
-}
-
 /// Rows of the colour matrix at a temperature; `None` without calibrations.
 fn camera_from_xyz(header: &RawHeader, kelvin: f64) -> Option<Vec<DVec3>> {
-    let rows = |c: &ColorCalibration| c.camera_from_xyz.iter().map(|r| DVec3::from_array(*r)).collect::<Vec<_>>();
-    let last = header.calibrations.last()?;
-    let Some(s) = fraction(header, kelvin) else { return Some(rows(last)) };
-    Some(rows(&header.calibrations[0]).iter().zip(rows(last)).map(|(a, b)| *a * s + b * (1.0 - s)).collect())
+    Some(raw::camera_from_xyz(&header.calibrations, kelvin)?.into_iter().map(DVec3::from_array).collect())
 }
 
 /// Chromaticity (CIE 1931 x, y) of the light that gives a neutral signal; D50 where the file does not tell.
@@ -51,7 +38,7 @@ pub fn xy_of_neutral(header: &RawHeader, neutral: &[f64]) -> (f64, f64) {
     // The temperature depends on the matrix it is found with: a few rounds settle it.
     let mut xy = D50_XY;
     for _ in 0..20 {
-        let found = camera_from_xyz(header, kelvin_of(xy)).and_then(|rows| xyz_of_signal(&rows, neutral));
+        let found = camera_from_xyz(header, kelvin_from_xy(xy)).and_then(|rows| xyz_of_signal(&rows, neutral));
         match found.filter(|xyz| xyz.element_sum() > 0.0) {
             Some(xyz) => xy = xy_from_xyz(xyz),
             None => return D50_XY,
@@ -62,7 +49,7 @@ pub fn xy_of_neutral(header: &RawHeader, neutral: &[f64]) -> (f64, f64) {
 
 /// Camera signal of a white surface in light of a chromaticity; `None` without calibrations. A signal a channel, for white of Y = 1.
 pub fn neutral_of_xy(header: &RawHeader, xy: (f64, f64)) -> Option<Vec<f64>> {
-    let rows = camera_from_xyz(header, kelvin_of(xy))?;
+    let rows = camera_from_xyz(header, kelvin_from_xy(xy))?;
     Some(rows.iter().map(|r| r.dot(xyz_from_xy(xy))).collect())
 }
 
@@ -73,7 +60,9 @@ pub fn forward(header: &RawHeader, neutral: &[f64]) -> Vec<DVec3> {
         // Without colour all channels are white together.
         return vec![xyz_from_xy(D50_XY) / n as f64; n];
     };
-    let Some(fraction) = fraction(header, kelvin_of(xy_of_neutral(header, neutral))) else { return matrix(last, neutral) };
+    let Some(fraction) = raw::fraction_of_first(&header.calibrations, kelvin_from_xy(xy_of_neutral(header, neutral))) else {
+        return matrix(last, neutral);
+    };
     let (a, b) = (matrix(&header.calibrations[0], neutral), matrix(last, neutral));
     a.iter().zip(&b).map(|(a, b)| *a * fraction + *b * (1.0 - fraction)).collect()
 }
@@ -100,13 +89,6 @@ fn xyz_of_signal(rows: &[DVec3], signal: &[f64]) -> Option<DVec3> {
     let (size, scale) = (square.determinant(), square.col(0).x + square.col(1).y + square.col(2).z);
     (rows.len() >= 3 && size.abs() > 1e-12 * scale.powi(3)).then_some(())?;
     Some(square.inverse() * rows.iter().zip(signal).map(|(r, s)| *r * *s).sum::<DVec3>())
-}
-
-/// Correlated colour temperature, K. Source: McCamy 1992, "Correlated color temperature as an explicit function of
-/// chromaticity coordinates" (Color Research & Application 17); within 2 K from 2856 to 6500.
-fn kelvin_of((x, y): (f64, f64)) -> f64 {
-    let n = (x - 0.3320) / (0.1858 - y);
-    (((449.0 * n + 3525.0) * n + 6823.3) * n + 5520.33).clamp(1000.0, 40_000.0)
 }
 
 #[cfg(test)]

@@ -73,7 +73,13 @@ pub(super) fn read(v: &Value, name: &str) -> Result<CameraFile, CalibrationError
         .ok_or_else(|| wrong(name, "no w and h", "the size of the pictures"))?;
     let angle = |key: &str, pixels: usize| float(key).map(|a| 0.5 * pixels as f64 / (0.5 * a).tan());
     let fx = float("fl_x").or_else(|| angle("camera_angle_x", size[0]));
-    let fx = fx.ok_or_else(|| wrong(name, "neither fl_x nor camera_angle_x", "a focal length in pixels"))?;
+    let fx = fx.ok_or_else(|| {
+        let found = match ["fl_x", "camera_angle_x"].iter().find_map(|key| Some(format!("{key} = {}", find(key)?))) {
+            Some(other) => other,
+            None => "neither fl_x nor camera_angle_x".to_owned(),
+        };
+        wrong(name, &found, "a focal length in pixels (fl_x) or an angle in radians (camera_angle_x), a number")
+    })?;
     let fy = float("fl_y").or_else(|| angle("camera_angle_y", size[1])).unwrap_or(fx);
     let centre = DVec2::new(float("cx").unwrap_or(0.5 * size[0] as f64), float("cy").unwrap_or(0.5 * size[1] as f64)) - HALF;
     let k = |key: &str| float(key).unwrap_or(0.0);

@@ -120,7 +120,10 @@ impl Folder {
                 }
             }
             Err(e) if e.kind() == io::ErrorKind::NotFound => {
-                fs::create_dir_all(path).map_err(|e| failed(path, e))?;
+                fs::create_dir_all(path).map_err(|e| {
+                    let reason = format!("the folder cannot be made: {}", files::without_number(&e.to_string()));
+                    ShotError::Read { path: path.display().to_string(), reason }
+                })?;
                 let mut names = fs::read_dir(path).map_err(|e| failed(path, e))?.filter_map(|e| e.ok()).map(|e| e.file_name());
                 match names.find(|n| n != PARTS) {
                     None => {}

@@ -147,6 +147,21 @@ pub(crate) fn is_developed(files: &[File]) -> bool {
     picture_of(files).is_some_and(|picture| picture != File::Dng)
 }
 
+/// Says where a development moves what a picture shows, and channels beside it stay where the sensor sees them.
+pub(crate) fn warn_of_geometry(shot: &Shot, files: &[File], warn: &mut dyn FnMut(&str)) {
+    let Some(channel) = files.iter().find(|f| matches!(f, File::Channel(_))).filter(|_| is_developed(files)) else { return };
+    let (geometry, film) = (shot.geometry(), &shot.camera.film);
+    let how = match geometry.straight {
+        Some(_) => "straightens the picture (lens.distortion)",
+        None if geometry.size != [film.columns, film.rows] => "changes its size",
+        None => return,
+    };
+    warn(&format!(
+        "the development {how}: {} and other channels beside it stay as the sensor has them, pixel for pixel with raw files, not with the picture",
+        channel.name()
+    ));
+}
+
 /// What is done with the exposures of items.
 pub(crate) fn memory_use(files: &[File]) -> ExposureUse {
     if files.contains(&File::Truth) { ExposureUse::Truth } else { ExposureUse::Plane }
@@ -228,6 +243,7 @@ impl Dataset {
     ) -> Result<Vec<u8>, ShotError> {
         let (mut shot, scene, calibration_file) = self.prepared(item, scenes, warn)?;
         shot.check_memory(memory_use(&self.files), None)?;
+        warn_of_geometry(&shot, &self.files, warn);
         let quiet = ProgressReporter { cancel: watch.cancel, progress: &|_| () };
         shot.focus(&quiet, warn)?;
         shot.meter_if_needed(&quiet, warn)?;

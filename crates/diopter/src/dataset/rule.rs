@@ -4,7 +4,7 @@ use super::Setting;
 use super::draw::{Draw, rounded};
 use super::pose::Pose;
 use super::spec::VarySection;
-use crate::quantity;
+use crate::quantity::{self, Distance, Ev, FNumber, Filter, Hertz, Iso, LengthMm, Seconds};
 use crate::sheet::text_of;
 use crate::shot::ShotError;
 use diopter_light::names::nearest;
@@ -59,8 +59,36 @@ struct Condition {
 
 #[derive(Clone, Debug)]
 enum Test {
-    OneOf(Vec<String>),
-    Between(f64, f64),
+    OneOf(Vec<Value>),
+    /// The least and the largest, where they are given.
+    Between([Option<Value>; 2]),
+}
+
+/// Two values in one unit, where they are of one kind: "20 ms" and "1/30 s", "ISO 400" and 400.
+fn in_one_unit(a: &Value, b: &Value) -> Option<[f64; 2]> {
+    fn parsed<T: std::str::FromStr>(texts: [&str; 2], number: fn(T) -> f64) -> Option<[f64; 2]> {
+        let [a, b] = texts.map(|text| text.parse::<T>().ok().map(number));
+        Some([a?, b?])
+    }
+    let is_plain = |n: &Numbers| n.prefix.is_empty() && n.suffix.is_empty() && n.values.len() == 1;
+    let read = [a, b].map(Numbers::read);
+    if let [Some(a), Some(b)] = &read
+        && (is_plain(a) && is_plain(b) || a.values.len() == 1 && a.agrees(b))
+    {
+        return Some([a.values[0], b.values[0]]);
+    }
+    let [a, b] = [text_of(a), text_of(b)];
+    let texts = [a.as_str(), b.as_str()];
+    // A number without a unit is one of millimetres beside others of millimetres, of metres beside other lengths.
+    let in_mm = || texts.iter().any(|t| t.trim().ends_with("mm")).then(|| parsed::<LengthMm>(texts, |v| v.0)).flatten();
+    parsed::<Seconds>(texts, |v| v.0)
+        .or_else(in_mm)
+        .or_else(|| parsed::<Distance>(texts, |v| v.0))
+        .or_else(|| parsed::<FNumber>(texts, |v| v.0))
+        .or_else(|| parsed::<Iso>(texts, |v| v.0))
+        .or_else(|| parsed::<Ev>(texts, |v| v.0))
+        .or_else(|| parsed::<Filter>(texts, |v| v.0))
+        .or_else(|| parsed::<Hertz>(texts, |v| v.0))
 }
 
 /// One or several numbers with what stands around them: "f/2.8", "1/125 s", `[0.0, 1.5]`.
@@ -70,16 +98,25 @@ struct Numbers {
     values: Vec<f64>,
     suffix: String,
     is_list: bool,
+    /// Whether it is the factor of a filter ("ND8"), which with a decimal point would be a density.
+    is_factor: bool,
 }
 
 impl Numbers {
     fn read(value: &Value) -> Option<Numbers> {
-        let plain = |values: Vec<f64>, is_list| Numbers { prefix: String::new(), values, suffix: String::new(), is_list };
+        let plain = |values: Vec<f64>, is_list| Numbers {
+            prefix: String::new(),
+            values,
+            suffix: String::new(),
+            is_list,
+            is_factor: false,
+        };
         let number = |v: &Value| v.as_float().or_else(|| v.as_integer().map(|i| i as f64)).filter(|v| v.is_finite());
         match value {
             Value::String(text) => {
                 let (prefix, value, suffix) = around_number(text)?;
-                Some(Numbers { prefix, values: vec![value], suffix, is_list: false })
+                let is_factor = prefix.trim().eq_ignore_ascii_case("nd") && !text.contains('.');
+                Some(Numbers { prefix, values: vec![value], suffix, is_list: false, is_factor })
             }
             Value::Array(list) if !list.is_empty() => Some(plain(list.iter().map(number).collect::<Option<_>>()?, true)),
             other => Some(plain(vec![number(other)?], false)),
@@ -88,7 +125,7 @@ impl Numbers {
 
     /// Whether both are of one kind and unit.
     fn agrees(&self, other: &Numbers) -> bool {
-        let unit = |n: &Numbers| (n.prefix.trim().to_owned(), n.suffix.trim().to_owned(), n.values.len(), n.is_list);
+        let unit = |n: &Numbers| (n.prefix.trim().to_owned(), n.suffix.trim().to_owned(), n.values.len(), n.is_list, n.is_factor);
         unit(self) == unit(other)
     }
 
@@ -105,6 +142,8 @@ impl Numbers {
         }
         match self.prefix.is_empty() && self.suffix.is_empty() {
             true => plain(values[0]),
+            // Between whole factors there are others.
+            false if self.is_factor && values[0].fract() != 0.0 => Value::String(format!("{} stops", values[0].log2())),
             false => Value::String(format!("{}{}{}", self.prefix, values[0], self.suffix)),
         }
     }
@@ -358,8 +397,8 @@ impl Vary {
             Rule::Range { from, to, log, step } => {
                 let one = |(k, (a, b)): (usize, (&f64, &f64))| {
                     let u = draw.uniform(&key, k as u64);
-                    // Rounded afterwards: each multiple has its own step, the first and the last too.
-                    let (a, b) = multiples(*a, *b, *step).map_or((*a, *b), |[a, b]| {
+                    // Rounded afterwards: of an even range each multiple has its own step, the first and the last too.
+                    let (a, b) = multiples(*a, *b, *step).filter(|_| !log).map_or((*a, *b), |[a, b]| {
                         let half = 0.5 * step.unwrap_or(0.0);
                         (a - half, b + half)
                     });
@@ -401,7 +440,8 @@ impl Vary {
 
 /// Rounded to multiples of a step.
 fn stepped(values: &[f64], step: Option<f64>) -> Vec<f64> {
-    values.iter().map(|v| step.map_or(*v, |s| rounded((v / s).round() * s))).collect()
+    // Not -0: it would be another value than 0.
+    values.iter().map(|v| step.map_or(*v, |s| rounded((v / s).round() * s) + 0.0)).collect()
 }
 
 /// The least and the largest multiple of a step between two numbers; `None` without a step, and where there is none.
@@ -432,16 +472,13 @@ impl Condition {
             ));
         }
         let test = match value {
-            Value::Array(list) => Test::OneOf(list.iter().map(text_of).collect()),
+            Value::Array(list) => Test::OneOf(list.clone()),
             Value::Table(table) => {
-                let end = |key: &str, without: f64| {
-                    table
-                        .get(key)
-                        .map_or(Some(without), |v| Numbers::read(v).filter(|n| n.values.len() == 1).map(|n| n.values[0]))
-                };
+                let ends = ["min", "max"].map(|key| table.get(key).cloned());
+                let is_number = |v: &Value| Numbers::read(v).is_some_and(|n| n.values.len() == 1);
                 let known = table.keys().all(|k| k == "min" || k == "max");
-                match (end("min", f64::NEG_INFINITY), end("max", f64::INFINITY)) {
-                    (Some(min), Some(max)) if known => Test::Between(min, max),
+                match ends.iter().flatten().all(is_number) {
+                    true if known => Test::Between(ends),
                     _ => {
                         return Err(entry(
                             place,
@@ -451,7 +488,7 @@ impl Condition {
                     }
                 }
             }
-            other => Test::OneOf(vec![text_of(other)]),
+            other => Test::OneOf(vec![other.clone()]),
         };
         Ok(Condition { name: name.to_owned(), test })
     }
@@ -460,9 +497,15 @@ impl Condition {
         // What was drawn last counts, as it does in the shot.
         let Some((_, value)) = above.iter().rev().find(|s| s.0 == self.name) else { return false };
         match &self.test {
-            Test::OneOf(list) => list.contains(&text_of(value)),
-            Test::Between(min, max) => {
-                Numbers::read(value).is_some_and(|n| n.values.len() == 1 && (*min..=*max).contains(&n.values[0]))
+            Test::OneOf(list) => {
+                let is_same = |[a, b]: [f64; 2]| (a - b).abs() <= 1e-9 * a.abs();
+                list.iter().any(|other| text_of(other) == text_of(value) || in_one_unit(value, other).is_some_and(is_same))
+            }
+            Test::Between([least, most]) => {
+                let within = |end: &Option<Value>, test: fn([f64; 2]) -> bool| {
+                    end.as_ref().is_none_or(|end| in_one_unit(value, end).is_some_and(test))
+                };
+                in_one_unit(value, value).is_some() && within(least, |[v, end]| v >= end) && within(most, |[v, end]| v <= end)
             }
         }
     }
@@ -536,6 +579,48 @@ mod tests {
         // Steps of a half: all are fractions, so that a column has one type.
         assert!(matches!(one("name = \"exposure-ev\"\nrange = [1, 1.2]\nstep = 0.5"), Value::Float(1.0)));
         assert!(matches!(one("name = \"fov\"\nrange = [40, 60]"), Value::Float(_)));
+    }
+
+    #[test]
+    fn values_are_compared_in_one_unit() {
+        let of = |text: &str| text.parse::<f64>().map_or_else(|_| Value::String(text.into()), Value::Float);
+        for (a, b, least) in [
+            ("1/30 s", "20 ms", false),
+            ("500 us", "1 ms", true),
+            ("20 ms", "0.03", true),
+            ("50 cm", "1 m", true),
+            ("35 mm", "50", true),
+            ("f/2.8", "f/4", true),
+            ("ISO 800", "400", false),
+            ("ND8", "2 stops", false),
+            ("-1 EV", "0", true),
+            ("3", "10", true),
+        ] {
+            let [x, y] = in_one_unit(&of(a), &of(b)).unwrap_or_else(|| panic!("{a} {b}"));
+            assert_eq!(x < y, least, "{a} {b}: {x} {y}");
+        }
+        assert!([("20 ms", "1 m"), ("auto", "3")].iter().all(|(a, b)| in_one_unit(&of(a), &of(b)).is_none()));
+    }
+
+    #[test]
+    fn factors_of_filters_stay_factors() {
+        let vary = vary("name = \"nd\"\nrange = [\"ND2\", \"ND8\"]").unwrap();
+        for item in 0..50 {
+            let (_, value) = vary.draw(&Draw { seed: 3, item }, &[]).unwrap().remove(0);
+            let stops = text_of(&value).parse::<Filter>().unwrap().0;
+            assert!((1.0..=3.0).contains(&stops), "{value}");
+        }
+        // A factor and a density are no range.
+        assert!(super::tests::vary("name = \"nd\"\nrange = [\"ND2\", \"ND 0.9\"]").is_err());
+    }
+
+    #[test]
+    fn steps_know_one_zero_and_logarithms_keep_their_shares() {
+        let evs = numbers("name = \"compensation\"\nrange = [\"-1 EV\", \"1 EV\"]\nstep = 0.5", 200);
+        assert!(evs.iter().all(|v| *v != 0.0 || v.is_sign_positive()) && evs.contains(&0.0));
+        // ISO 100 stands for 100 to 150: ln 1.5 / ln 8 = 0.195 of all; √(4000 · 0.195 · 0.805) = 25; five of them are allowed.
+        let log = numbers("name = \"iso\"\nrange = [100, 800]\nscale = \"log\"\nstep = 100", 4000);
+        assert!(log.iter().filter(|v| **v == 100.0).count().abs_diff(780) < 126);
     }
 
     #[test]

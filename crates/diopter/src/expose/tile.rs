@@ -151,7 +151,15 @@ impl Unit<'_> {
             };
             let emitter_mis = lamps.map(|lamps| EmitterMis { emitters: lamps.emitters(), weight: &weight, path });
             let cone = PixelCones::cone(self.cones.as_ref(), pixel, sampler.number(), ray.ray);
-            CameraPath { cone, wavelengths, sampler, light_paths, emitter_mis, immersion: self.immersion }
+            CameraPath {
+                cone,
+                wavelengths,
+                sampler,
+                light_paths,
+                emitter_mis,
+                immersion: self.immersion,
+                roulette: self.roulette.as_ref(),
+            }
         };
         let paths: Vec<CameraPath> = rays.iter().enumerate().map(begin).collect();
         if self.polarized {

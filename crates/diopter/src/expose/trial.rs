@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Blocks of the film a side.
-const BLOCKS: usize = 8;
+pub(super) const BLOCKS: usize = 8;
 /// Their numbers are not those of the samples.
 const SEED: u64 = 0xbb67_ae85_84ca_a73b;
 
@@ -35,7 +35,7 @@ const FILM_A_PAIR: usize = 4;
 /// The worst pairs of either integrator are left out: with them a single one decides.
 const WORST: f64 = 0.0005;
 /// Light of a block below so much of the mean of all is not asked for its relative noise.
-const DARK: f64 = 0.1;
+pub(super) const DARK: f64 = 0.1;
 /// A sample with connections takes 2 to 2.5 times the time of one without: they pay where they leave clearly less than half of the squared error. In Cornell boxes
 /// they leave 0.42 to 0.54.
 const ACCEPT_FRACTION: f64 = 0.3;
@@ -66,7 +66,7 @@ const ROUNDS: usize = 4;
 const SAMPLES_A_ROUND: usize = 16;
 
 /// Column and row of a pixel of a block, of a grid of `side` × `side` over it.
-fn pixel_of_block([columns, rows]: [usize; 2], block: usize, k: usize, side: usize) -> [usize; 2] {
+pub(super) fn pixel_of_block([columns, rows]: [usize; 2], block: usize, k: usize, side: usize) -> [usize; 2] {
     let within = |cell: usize, step: usize, pixels: usize| ((cell * side + step) * pixels / (BLOCKS * side)).min(pixels - 1);
     [within(block % BLOCKS, k % side, columns), within(block / BLOCKS, k / side, rows)]
 }
@@ -271,8 +271,10 @@ impl Exposure<'_> {
                         _ => None,
                     };
                     let light_paths = LightPaths { photons: map.as_ref(), vertices };
+                    let roulette = unit.roulette.as_ref().filter(|_| matches!(candidate, Candidate::Alone));
                     let path = |(camera, samplers): &(CameraRay, [Sampler; 2])| CameraPath {
                         light_paths,
+                        roulette,
                         immersion: unit.immersion,
                         ..CameraPath::new(camera.ray, camera.wavelengths, samplers[replicate])
                     };

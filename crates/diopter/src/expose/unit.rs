@@ -12,7 +12,7 @@ use crate::shutter::{Place, Shutter};
 use diopter_image::focal_plane::BandUnit;
 use diopter_lens::microlens::MicrolensOptics;
 use diopter_light::wavelength::WavelengthSampler;
-use diopter_scene::{Immersion, Scene};
+use diopter_scene::{Immersion, RouletteRates, Scene};
 
 /// What all tiles share.
 pub(super) struct Unit<'a> {
@@ -31,6 +31,8 @@ pub(super) struct Unit<'a> {
     pub light_traced: bool,
     /// Groups of pixels, where these lend one another light.
     pub groups: Option<PixelGroups>,
+    /// How many paths are worth following on, where some are not; they go alone.
+    pub roulette: Option<RouletteRates>,
     /// Diffraction, if there is any.
     pub optics: Option<&'a Optics>,
     /// Whether pixels have sums for what lamps send far out.

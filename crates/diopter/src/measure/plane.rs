@@ -173,6 +173,9 @@ impl Measured {
 
     fn from_bytes(bytes: Vec<u8>, encoding: Option<Encoding>, raw: bool) -> Result<Measured, String> {
         const EXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
+        if encoding.is_some() && (raw || bytes.starts_with(&EXR)) {
+            return Err("an encoding is of codes: it holds light; expected no --encoding, or a picture such as .png".to_owned());
+        }
         if raw {
             let raw = dng::read(Cursor::new(bytes)).map_err(|e| e.to_string())?;
             return Ok(Measured::Raw(Box::new(raw)));
@@ -187,10 +190,17 @@ impl Measured {
             return Ok(Measured::Light { pixels, bands: ["R", "G", "B"].map(str::to_owned).to_vec(), limits, facts: None });
         }
         let mut pixels = read_codes(&bytes)?;
-        let of_profile = || read_profile(&bytes).and_then(|profile| icc::encoding_of(&profile));
+        let profile = read_profile(&bytes);
+        let of_profile = || profile.as_deref().and_then(icc::encoding_of);
         let encoding = encoding.or_else(of_profile).unwrap_or(Encoding::Srgb);
         let luminance = RgbSpace::Srgb.luminance_weights();
-        pixels.data.as_chunks_mut::<3>().0.iter_mut().for_each(|p| *p = encoding.decode_pixel(*p, luminance));
+        let to_srgb = profile.as_deref().and_then(icc::srgb_from);
+        pixels.data.as_chunks_mut::<3>().0.iter_mut().for_each(|p| {
+            *p = encoding.decode_pixel(*p, luminance);
+            if let Some(matrix) = &to_srgb {
+                *p = matrix.map(|row| row[0] * p[0] + row[1] * p[1] + row[2] * p[2]);
+            }
+        });
         let top = encoding.decode(1.0);
         let bands = ["R", "G", "B"].map(str::to_owned).to_vec();
         Ok(Measured::Light { pixels, bands, limits: [0.0, top], facts: None })

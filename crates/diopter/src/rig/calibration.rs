@@ -247,7 +247,8 @@ impl RigCalibration<'_> {
             let _ = writeln!(text, "  cam_overlaps: [{}]", others.join(", "));
             let kept = own.lines().skip(1).filter(|l| !l.starts_with("  cam_overlaps") && !l.starts_with("  rostopic"));
             kept.for_each(|l| text.extend([l, "\n"]));
-            let _ = writeln!(text, "  rostopic: /{}/image_raw", camera.name);
+            // Names of ROS have letters, digits and underscores. Source: ROS wiki, "Names".
+            let _ = writeln!(text, "  rostopic: /{}/image_raw", camera.name.replace(|c: char| !c.is_ascii_alphanumeric(), "_"));
         }
         Ok(text)
     }

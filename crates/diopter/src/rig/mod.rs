@@ -195,6 +195,7 @@ impl Rig {
         let mut told = |text: &str| warn(&format!("camera {}: {text}", camera.name));
         let mut shot = Shot::prepare_cached(&camera.shot, inputs, scenes, &mut told)?;
         shot.check_memory(item::memory_use(&self.files), None)?;
+        item::warn_of_geometry(&shot, &self.files, &mut told);
         if let Some(first) = first {
             // A scene without a scale has one light for all.
             shot.copy_light_scale_from(first);
@@ -205,6 +206,18 @@ impl Rig {
             None => shot.meter(watch, &mut told)?,
         }
         let to_the_next_s = self.times_s.windows(2).map(|two| two[1] - two[0]).fold(f64::INFINITY, f64::min);
+        let [first_s, last_s] = self.path.span_s();
+        let total_s = shot.shutter().total_s();
+        let ends_s = self.times_s[self.times_s.len() - 1] + camera.trigger_s + total_s;
+        if !self.path.is_endless() && ends_s > last_s * (1.0 + 1e-9) {
+            return Err(ShotError::Entry {
+                place: "[rig]".into(),
+                found: format!(
+                    "a last frame that is exposed until {ends_s} s ({total_s} s long) on a path from {first_s} to {last_s} s"
+                ),
+                expected: "exposures within the path, or ends = \"rest\": with free ends there is no way outside".into(),
+            });
+        }
         let open_s = shot.shutter().exposure_s;
         if open_s > to_the_next_s * (1.0 + 1e-9) {
             told(&format!("each frame is open for {open_s:.4} s, and the next begins after {to_the_next_s:.4} s: they overlap"));
@@ -212,7 +225,7 @@ impl Rig {
         Ok(shot)
     }
 
-    /// Makes the shot of a camera ready for a frame. Fails as [`Shot::advance_to`], and on a camera or frame that the rig does not have.
+    /// Makes the shot of a camera ready for a frame, exposed and focused as at the first: one calibration is that of all. Fails as [`Shot::advance_focused_to`], and on a camera or frame that the rig does not have.
     pub fn turn(&self, shot: &mut Shot, camera: usize, frame: usize, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         let missing = |what: &str, number: usize, count: usize| ShotError::Entry {
             place: "[rig]".into(),
@@ -221,7 +234,7 @@ impl Rig {
         };
         let time_s = self.times_s.get(frame).ok_or_else(|| missing("frame", frame, self.times_s.len()))?;
         let mounted = self.cameras.get(camera).ok_or_else(|| missing("camera", camera, self.cameras.len()))?;
-        shot.advance_to(time_s + mounted.trigger_s, frame as u64, warn)
+        shot.advance_focused_to(time_s + mounted.trigger_s, frame as u64, warn)
     }
 
     /// What is known of the cameras, for other programs. `shots`: as [`Rig::shots`] gives them. Fails where no model can be fitted to a lens.
@@ -275,7 +288,10 @@ impl Rig {
             files.push(path);
             Ok(())
         };
-        let (texts, fit_rms_px) = {
+        // Without a format nothing is fitted: panoramas have no model.
+        let (texts, fit_rms_px) = if self.formats.is_empty() {
+            (Default::default(), vec![None; shots.len()])
+        } else {
             let known = self.calibration(&shots)?;
             let rms: Vec<Option<f64>> = known.cameras.iter().map(|c| c.calibration.fit.as_ref().map(|f| f.rms_px)).collect();
             (known.files(&self.formats)?, rms)

@@ -327,6 +327,12 @@ impl Shot {
     /// Makes the shot ready for another moment (s) of the scene, with everything set as it is: a frame of a sequence, with noise of its
     /// own. `frame`: its number, which changes the seed. Fails where the thing that the lens is focused on is not before the camera.
     pub fn advance_to(&mut self, at_s: f64, frame: u64, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+        self.advance_focused_to(at_s, frame, warn)?;
+        self.follow(warn)
+    }
+
+    /// The same with the focus as it is, also where the lens is focused on a thing.
+    pub fn advance_focused_to(&mut self, at_s: f64, frame: u64, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         if frame > 0 {
             self.begun = Instant::now();
         }
@@ -334,8 +340,7 @@ impl Shot {
         let seed = self.file.render.seed.unwrap_or(DEFAULT_SEED);
         self.settings.seed = seed.wrapping_add(frame);
         self.reading.seed = seed.wrapping_add(frame);
-        self.prepare_exposure(warn)?;
-        self.follow(warn)
+        self.prepare_exposure(warn)
     }
 
     /// What an exposure series varies by default: the aperture where the time is set by hand and kept, else the time.

@@ -123,10 +123,10 @@ impl<'a> Subject<'a> {
             .collect()
     }
 
-    /// Distance at which a lens is to be focused for the point, mm: along the camera's axis, where there is one. `None` of what is infinitely far away.
+    /// Distance at which a lens is to be focused for the point, mm: along the camera's axis, where it focuses on planes. `None` of what is infinitely far away.
     pub fn focus_mm(&self, camera: &Camera) -> Option<f64> {
         match self.target(camera, self.time_s, self.time_s)? {
-            Target::Point(p) if camera.has_axis() => Some(-p.z),
+            Target::Point(p) if camera.focuses_on_planes() => Some(-p.z),
             Target::Point(p) => Some(p.length()),
             Target::Direction(_) => None,
         }

@@ -63,6 +63,8 @@ mod tag {
     pub const AS_SHOT_WHITE_XY: u16 = 50729;
     pub const ORIENTATION: u16 = 274;
     pub const BASELINE_EXPOSURE: u16 = 50730;
+    pub const BASELINE_EXPOSURE_OFFSET: u16 = 51109;
+    pub const DEFAULT_USER_CROP: u16 = 51125;
     pub const BASELINE_NOISE: u16 = 50731;
     pub const BASELINE_SHARPNESS: u16 = 50732;
     pub const LINEAR_RESPONSE_LIMIT: u16 = 50734;

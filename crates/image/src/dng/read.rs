@@ -150,7 +150,7 @@ fn read_from(from: &mut dyn ReadSeek) -> Result<RawImage, ImageError> {
             return Err(malformed(format!("{n} samples a pixel in {kind}: expected 1, or 3 (red, green, blue) of a linear one")));
         }
     };
-    let [black, white] = levels(&mut file, &raw, &storage)?;
+    let [black, white] = levels(&mut file, &raw, &storage, &mut Vec::new())?;
     let mut warnings = Vec::new();
     let mut mosaic = pixels(&mut file, &raw, &storage, [black, white])?;
     let area = active_area(&mut file, &raw, [mosaic.width / storage.samples, mosaic.height])?;
@@ -238,11 +238,20 @@ fn storage<R: Read + Seek>(file: &mut File<R>, raw: &Directory) -> Result<Storag
 }
 
 /// Black (the mean of all cells) and white of the numbers as the file has them.
-fn levels<R: Read + Seek>(file: &mut File<R>, raw: &Directory, storage: &Storage) -> Result<[f64; 2], ImageError> {
+fn levels<R: Read + Seek>(
+    file: &mut File<R>,
+    raw: &Directory,
+    storage: &Storage,
+    warnings: &mut Vec<String>,
+) -> Result<[f64; 2], ImageError> {
     let cells = file.numbers(raw, tag::BLACK_LEVEL)?;
     let black = if cells.is_empty() { 0.0 } else { cells.iter().sum::<f64>() / cells.len() as f64 };
     let top = if storage.float { 1.0 } else { f64::from((1u32 << storage.bits) - 1) };
-    let white = file.number(raw, tag::WHITE_LEVEL)?.unwrap_or(top);
+    let whites = file.numbers(raw, tag::WHITE_LEVEL)?;
+    let white = whites.first().copied().unwrap_or(top);
+    if whites.iter().any(|other| *other != white) {
+        warnings.push(format!("WhiteLevel differs between channels ({whites:?}): the first is taken for all"));
+    }
     let fine = black < white && white.is_finite() && black.is_finite();
     match fine && (storage.float || black >= 0.0 && white <= 65_535.0) {
         true => Ok([black, white]),
@@ -345,6 +354,12 @@ fn remaining<'a>(opcodes: impl Iterator<Item = &'a Opcode>, size: [usize; 2], wa
 fn pattern<R: Read + Seek>(file: &mut File<R>, raw: &Directory) -> Result<Cfa, ImageError> {
     let repeat = file.numbers(raw, tag::CFA_REPEAT)?;
     let cells = file.numbers(raw, tag::CFA_PATTERN)?;
+    // Every other row or column moved by a half is another mosaic. Source: DNG 1.7, CFALayout: 1 is a rectangle.
+    if let Some(layout) = file.number(raw, tag::CFA_LAYOUT)?.filter(|layout| *layout != 1.0) {
+        return Err(malformed(format!(
+            "a colour filter array whose rows or columns are staggered (CFALayout {layout}); expected a rectangular one"
+        )));
+    }
     let filter = |n: &f64| FILTER_NUMBERS.iter().find(|f| f64::from(f.1) == *n).map(|f| f.0);
     let filters: Option<Vec<Filter>> = cells.iter().map(filter).collect();
     let (Some(filters), &[rows, columns]) = (filters, repeat.as_slice()) else {

@@ -11,8 +11,10 @@ use glam::{Affine2, Vec2, Vec4};
 use std::sync::Arc;
 
 /// What stands for the tile in a name, and what is put there for a column and a row, both from 0.
-const MARKS: [(&str, fn(usize, usize) -> String); 2] =
-    [("<UDIM>", |column, row| format!("{}", 1001 + column + ACROSS * row)), ("<UVTILE>", |column, row| format!("u{}_v{}", column + 1, row + 1))];
+const MARKS: [(&str, fn(usize, usize) -> String); 2] = [
+    ("<UDIM>", |column, row| format!("{}", 1001 + column + ACROSS * row)),
+    ("<UVTILE>", |column, row| format!("u{}_v{}", column + 1, row + 1)),
+];
 
 /// Tiles in a row, and rows.
 const ACROSS: usize = 10;
@@ -85,7 +87,9 @@ fn joined(
     let all = size[0] * size[1];
     let image = if texels.clone().all(|t| matches!(t, Texel::Codes(_))) {
         let mut codes = vec![[0, 0, 0, 255]; all];
-        places.for_each(|(corner, tile)| fill(&mut codes, size[0], corner, cell, tile, |v| v.to_array().map(|v| (255.0 * v).round() as u8)));
+        places.for_each(|(corner, tile)| {
+            fill(&mut codes, size[0], corner, cell, tile, |v| v.to_array().map(|v| (255.0 * v).round() as u8))
+        });
         image(Texels::Codes(codes))
     } else if texels.clone().all(|t| matches!(t, Texel::Codes(_) | Texel::Codes16(_))) {
         let mut codes = vec![[0, 0, 0, u16::MAX]; all];
@@ -179,13 +183,18 @@ mod tests {
 
     #[test]
     fn too_many_pixels_are_halved_and_what_cannot_be_joined_is_said() {
-        let two = |other: Image| move |n: &str| ["t1001", "t1011"].iter().position(|t| *t == n).map(|i| Ok([even(8, 9), other.clone()][i].clone()));
+        let two = |other: Image| {
+            move |n: &str| ["t1001", "t1011"].iter().position(|t| *t == n).map(|i| Ok([even(8, 9), other.clone()][i].clone()))
+        };
         let (image, _) = joined("t<UDIM>", 40, &mut two(even(8, 9))).unwrap();
         assert_eq!([image.width, image.height], [4, 8]);
         assert!((0..8).all(|row| image.texel(1, row) == Texel::Codes([9, 0, 0, 255])));
         // More bits than the other tile has.
         let (image, _) = joined("t<UDIM>", MOST_PIXELS, &mut two(Image::of_codes16(1, 1, vec![[7, 0, 0, 65535]]))).unwrap();
-        assert_eq!((image.texel(0, 0), image.texel(0, 15)), (Texel::Codes16([7, 0, 0, 65535]), Texel::Codes16([9 * 257, 0, 0, 65535])));
+        assert_eq!(
+            (image.texel(0, 0), image.texel(0, 15)),
+            (Texel::Codes16([7, 0, 0, 65535]), Texel::Codes16([9 * 257, 0, 0, 65535]))
+        );
         let e = joined("t<UDIM>", MOST_PIXELS, &mut two(Image::linear(1, 1, vec![[7.0; 4]]))).unwrap_err();
         assert!(e.contains("floating point"), "{e}");
         assert!(joined("t<UDIM>", MOST_PIXELS, &mut |_| None).unwrap_err().contains("1001 to 1100"));

@@ -228,7 +228,7 @@ impl MediumSegment<'_> {
         scattered(self.ray.direction, self.medium.asymmetry, [u, v])
     }
 
-    /// Sends a path on in such a direction, unless Russian roulette ends it; `joint`: the medium in which lights were sought.
+    /// Sends a path on in such a direction, unless Russian roulette ends it; `joint`: the medium in which lights were sought; `rate`: of going on ([`russian_roulette::RouletteRates`]).
     pub fn go_on(
         &self,
         on: &MediumScatter,
@@ -236,12 +236,13 @@ impl MediumSegment<'_> {
         joint: Option<MediumId>,
         throughput: &mut SampledSpectrum,
         eta_scale: f32,
+        rate: f32,
     ) -> Option<Onward> {
         let [.., u] = self.sampler.get(Dimensions::Scatter(self.vertex));
         let samples_lights = !self.medium.is_subsurface;
         // Walks within bodies end at the surface: no need to end those that bring as much as they began with.
-        let most = if samples_lights { MOST_SURVIVAL } else { 1.0 };
-        if !russian_roulette::goes_on(throughput, eta_scale, self.vertex + 1, u, self.settings.roulette_depth, most) {
+        let (most, rate) = if samples_lights { (MOST_SURVIVAL, rate) } else { (1.0, 1.0) };
+        if !russian_roulette::goes_on(throughput, eta_scale, self.vertex + 1, u, self.settings.roulette_depth, most, rate) {
             return None;
         }
         let point = self.point(on);

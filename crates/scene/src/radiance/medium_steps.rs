@@ -59,7 +59,10 @@ impl<'a> Transport<'a> {
         joint: Option<MediumId>,
     ) -> Next {
         let MediumVertex { segment, on } = here;
-        let Some(onward) = segment.go_on(on, direction, joint, &mut path.throughput, path.eta_scale) else { return Next::Ended };
+        let rate = path.roulette_rate(path.depth() + 1);
+        let Some(onward) = segment.go_on(on, direction, joint, &mut path.throughput, path.eta_scale, rate) else {
+            return Next::Ended;
+        };
         (path.ray, path.last, path.medium_scatter) = (onward.ray, onward.last, Some(*on));
         (path.is_straight, path.camera_subpath) = (false, CameraSubpath::NONE);
         path.tally.depolarize();

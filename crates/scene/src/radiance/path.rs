@@ -21,7 +21,7 @@ use crate::light_paths::{CausticSuffix, LightVertices, PhotonMap};
 use crate::material::{Bsdf, Material, Principled, Scatter, Scattering};
 use crate::medium::Medium;
 use crate::medium_stack::{MediumId, MediumStack};
-use crate::russian_roulette::{self, MOST_SURVIVAL};
+use crate::russian_roulette::{self, MOST_SURVIVAL, RouletteRates};
 use crate::scene::Scene;
 use crate::shape::Surface;
 use diopter_light::random::Dimensions;
@@ -67,6 +67,8 @@ pub(super) struct Path<'a, T: Tally> {
     pub subsurface_events: u32,
     pub segment_index: u32,
     pub roulette_depth: u32,
+    /// How many paths are worth following on, where some are not.
+    roulette: Option<&'a RouletteRates>,
     /// Product of the η² by which refraction scaled radiance; Russian roulette leaves it out (pbrt's `etaScale`).
     pub eta_scale: f32,
     /// Whether what shines at the next surface is not the path's own ([`super::reuse_lamps`]).
@@ -97,6 +99,7 @@ impl<T: Tally> Path<'_, T> {
             tally: self.tally.fork(),
             connection: None,
             candidate_set: None,
+            roulette: None,
             leaves_out_emission: false,
             emission_apart: None,
             emission_fraction: 1.0,
@@ -150,6 +153,13 @@ impl<T: Tally> Path<'_, T> {
     /// Lets Russian roulette judge by what it carries over what it carries now, and only after some vertices.
     pub fn restart_roulette(&mut self, vertices: u32) {
         (self.roulette_depth, self.eta_scale) = (self.vertex + vertices, 1.0 / self.throughput.max_element());
+        self.roulette = None;
+    }
+
+    /// Rate at which it goes on after a number of events ([`RouletteRates`]).
+    #[inline]
+    pub fn roulette_rate(&self, events: u32) -> f32 {
+        self.roulette.map_or(1.0, |rates| rates.after(events))
     }
 }
 
@@ -232,6 +242,7 @@ impl<'a> Transport<'a> {
             subsurface_events: 0,
             segment_index: 0,
             roulette_depth,
+            roulette: camera.roulette,
             eta_scale: 1.0,
             leaves_out_emission: false,
             emission_apart: None,
@@ -602,7 +613,16 @@ impl<'a> Transport<'a> {
         }
         path.eta_scale *= scatter.eta_scale;
         path.vertex += 1;
-        if !russian_roulette::goes_on(&mut path.throughput, path.eta_scale, path.vertex, u, path.roulette_depth, MOST_SURVIVAL) {
+        let rate = path.roulette_rate(path.depth());
+        if !russian_roulette::goes_on(
+            &mut path.throughput,
+            path.eta_scale,
+            path.vertex,
+            u,
+            path.roulette_depth,
+            MOST_SURVIVAL,
+            rate,
+        ) {
             return Next::Ended;
         }
         let normal = if transmitted { -here.ng } else { here.ng };

@@ -1,10 +1,11 @@
 //! What is recorded of the light of paths ([`Scene::trace`]).
 
 use super::path::Transport;
-use super::tally::{CausticTally, DirectTally, Polarized};
+use super::tally::{DirectTally, Polarized, TrialTally};
 pub use super::work::Work;
 use super::{CameraPath, PathSettings};
 use crate::light_paths::LightPaths;
+use crate::russian_roulette::RouletteRates;
 use crate::scene::Scene;
 use diopter_light::SampledSpectrum;
 use diopter_light::polarization::Stokes;
@@ -40,6 +41,11 @@ pub struct RadianceAndCaustics;
 /// All light, and how much work it was. The work of paths that reuse light is that of the first of them.
 #[derive(Clone, Copy, Debug)]
 pub struct RadianceAndWork;
+
+/// Light by how often it was scattered, in the stages of [`RouletteRates::EVENTS`] (at most so many events, and more than those before; last, all that is left), and
+/// the scattering events of the path itself.
+#[derive(Clone, Copy, Debug)]
+pub struct RadianceByEvents;
 
 /// The Stokes vectors of all light at each of the four wavelengths ([`diopter_light::polarization`]), all of it by the paths: without light paths and
 /// [`CameraPath::emitter_mis`]. Q, U and V are 0 on the mean where nothing polarises. I is, sample by sample, [`Radiance`] where no two events of the path polarise; elsewhere it
@@ -82,8 +88,23 @@ impl Record for RadianceAndCaustics {
 
     fn trace(self, scene: &Scene, paths: &[CameraPath], settings: &PathSettings) -> Vec<[SampledSpectrum; 2]> {
         let transport = Transport { scene, settings };
-        let both = |CausticTally { all, gathered }| [all, gathered];
-        paths.iter().map(|path| both(transport.follow(path, CausticTally::default()))).collect()
+        let both = |TrialTally { by_events, gathered }| [by_events.into_iter().sum(), gathered];
+        paths.iter().map(|path| both(transport.follow(path, TrialTally::default()))).collect()
+    }
+}
+
+impl Record for RadianceByEvents {
+    type Light = ([SampledSpectrum; RouletteRates::EVENTS.len() + 1], u32);
+
+    fn trace(self, scene: &Scene, paths: &[CameraPath], settings: &PathSettings) -> Vec<Self::Light> {
+        let transport = Transport { scene, settings };
+        let of = |camera| {
+            let mut path = transport.begin(camera, TrialTally::default());
+            transport.follow_to_end(&mut path);
+            let events = path.depth();
+            (path.tally.by_events, events)
+        };
+        paths.iter().map(of).collect()
     }
 }
 

@@ -7,6 +7,7 @@
 use crate::light::environment::LinearlyPolarized;
 use crate::material::Bsdf;
 use crate::material::polarization::Event;
+use crate::russian_roulette::RouletteRates;
 use diopter_light::SampledSpectrum;
 use diopter_light::polarization::{Mueller, a_from_b};
 use glam::{Mat4, Vec3, Vec4};
@@ -176,14 +177,23 @@ impl Tally for DirectTally {
     }
 }
 
-/// All light, and that of photons.
+/// Light by how often it was scattered, and that of photons: what trials ask for.
 #[derive(Default)]
-pub(super) struct CausticTally {
-    pub all: SampledSpectrum,
+pub(super) struct TrialTally {
+    /// That of at most [`RouletteRates::EVENTS`] events and more than those before; the last of all that is left.
+    pub by_events: [SampledSpectrum; RouletteRates::EVENTS.len() + 1],
+    /// Of all light.
     pub gathered: SampledSpectrum,
 }
 
-impl Tally for CausticTally {
+impl TrialTally {
+    #[inline]
+    fn of(&mut self, events: u32) -> &mut SampledSpectrum {
+        &mut self.by_events[RouletteRates::EVENTS.partition_point(|most| *most < events)]
+    }
+}
+
+impl Tally for TrialTally {
     type ThinDielectrics = ();
     type Vertex = ();
 
@@ -191,13 +201,13 @@ impl Tally for CausticTally {
     fn vertex(&self, _: &Bsdf, _: Vec3, _: Vec3) {}
 
     #[inline]
-    fn add(&mut self, light: SampledSpectrum, _: u32) {
-        self.all += light;
+    fn add(&mut self, light: SampledSpectrum, events: u32) {
+        *self.of(events) += light;
     }
 
     #[inline]
-    fn add_by<R>(&mut self, _: u32, work: impl FnOnce(&mut SampledSpectrum) -> R) -> R {
-        work(&mut self.all)
+    fn add_by<R>(&mut self, events: u32, work: impl FnOnce(&mut SampledSpectrum) -> R) -> R {
+        work(self.of(events))
     }
 
     fn fork(&self) -> Self {
@@ -205,13 +215,13 @@ impl Tally for CausticTally {
     }
 
     fn join(&mut self, fork: Self) {
-        self.all += fork.all;
+        self.by_events.iter_mut().zip(fork.by_events).for_each(|(sum, light)| *sum += light);
         self.gathered += fork.gathered;
     }
 
     #[inline]
-    fn add_photons(&mut self, light: SampledSpectrum, _: u32) {
-        self.all += light;
+    fn add_photons(&mut self, light: SampledSpectrum, events: u32) {
+        self.add(light, events);
         self.gathered += light;
     }
 }

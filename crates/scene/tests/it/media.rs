@@ -403,6 +403,49 @@ fn bodies_of_one_material_and_priority_are_one_body_where_they_overlap() {
 }
 
 #[test]
+fn paths_that_are_followed_less_far_find_as_much_light() {
+    use diopter_light::random::{Sampler, SamplerKind};
+    use diopter_light::{Ray, SampledWavelengths};
+    use diopter_scene::RouletteRates;
+    use diopter_scene::radiance::CameraPath;
+    use diopter_scene::radiance::record::RadianceAndWork;
+    // Thick fog before a grey wall, so that most light is scattered often.
+    let fog = Medium { name: "fog".into(), scattering: Coefficient::grey(0.4), asymmetry: 0.5, ..Default::default() };
+    let wall = Quad { corner: Vec3::new(8.0, -9.0, -9.0), edges: [Vec3::Y * 18.0, Vec3::Z * 18.0] };
+    let kind = PunctualKind::Point { position: Vec3::new(4.0, 2.0, 0.5) };
+    let scene = Scene::build(Description {
+        materials: vec![Material::new("wall", Scattering::Diffuse(diopter_scene::texture::Color::rgb(0.6, 0.6, 0.6)))],
+        objects: vec![Object::new("wall", Shape::Quad(wall), 0)],
+        punctual: vec![Punctual::new("lamp", Spectrum::light_from_rgb(Vec3::ONE), kind)],
+        air: Some(Air { medium: fog, bounds: None }),
+        ..Default::default()
+    })
+    .unwrap();
+    let rates = RouletteRates::best([1.0, 1.0], [[0.04, 1.0]; RouletteRates::EVENTS.len()]).expect("few go on");
+    assert!(rates.after(1) < 0.4 && rates.after(1) > 0.1);
+    let n = 100_000;
+    let seen = |roulette: Option<&RouletteRates>| {
+        let path = |i: u32| {
+            let sampler = Sampler::new(SamplerKind::Independent, 5, (i, 0), 0, 1);
+            let ray = Ray { origin: Vec3::ZERO, direction: Vec3::new(1.0, 0.3, 0.1).normalize(), time_s: 0.0 };
+            CameraPath { roulette, ..CameraPath::new(ray, SampledWavelengths::fixed(NM), sampler) }
+        };
+        let paths: Vec<CameraPath> = (0..n).map(path).collect();
+        let found = scene.trace(&paths, RadianceAndWork, &PathSettings::default());
+        let work: u32 = found.iter().map(|(_, work)| work.segments).sum();
+        let light: Vec<f64> = found.iter().map(|(light, _)| f64::from(light.element_sum())).collect();
+        let mean = light.iter().sum::<f64>() / f64::from(n);
+        let variance = light.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / f64::from(n);
+        (mean, variance / f64::from(n), work)
+    };
+    let (all, few) = (seen(None), seen(Some(&rates)));
+    assert!(few.2 * 3 < all.2 * 2, "{few:?} {all:?}");
+    // Four standard deviations, below one part in a hundred.
+    let sigma = (all.1 + few.1).sqrt();
+    assert!((all.0 - few.0).abs() < 4.0 * sigma && sigma < 0.01 * all.0, "{few:?} {all:?}");
+}
+
+#[test]
 fn where_bodies_overlap_the_stronger_one_is() {
     // Glass from z = 0 to 1, water from −1 to 0.3, a lamp far below; the way straight down.
     let half = Vec3::new(5.0, 5.0, 0.0);

@@ -166,9 +166,16 @@ impl EventSensor {
             return range("bandwidth", v, "hz, at_e_s and most_hz above 0");
         }
         if let Some(n) = s.shot_noise
-            && !(n.hz > 0.0 && n.hz <= 1e6 && n.bright_e_s > 0.0 && (0.0..=1.0).contains(&n.bright_fraction))
+            && let Some((name, found, expected)) = [
+                ("shot_noise.hz", n.hz, "above 0, at most 1e6", n.hz > 0.0 && n.hz <= 1e6),
+                ("shot_noise.bright_e_s", n.bright_e_s, "above 0 e-/s", n.bright_e_s > 0.0 && n.bright_e_s.is_finite()),
+                ("shot_noise.bright_fraction", n.bright_fraction, "0 to 1", (0.0..=1.0).contains(&n.bright_fraction)),
+            ]
+            .into_iter()
+            .find(|(.., fine)| !fine)
+            .map(|(name, found, expected, _)| (name, found, expected))
         {
-            return range("shot_noise", n.hz, "hz above 0 to 1e6, bright_e_s above 0, bright_fraction 0 to 1");
+            return range(name, found, expected);
         }
         if s.sources.is_empty() {
             return range("sources", 0.0, "where its numbers are from, such as geometry = \"...\"");

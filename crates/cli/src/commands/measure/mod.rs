@@ -246,13 +246,12 @@ fn transfer_sheet(raw: &diopter::image::RawImage, body: Option<&str>) -> anyhow:
             known
         }
     };
-    let iso = if facts.iso_set > 0.0 { facts.iso_set } else { facts.iso };
-    if iso <= 0.0 {
+    let Some(iso) = facts.speed() else {
         return match body {
             Some(body) => Err(UsageError(anyhow!("--body {body}: the raw files do not say their ISO speed")).into()),
             None => Ok(None),
         };
-    }
+    };
     let step = match (sensor.at_iso(iso), body) {
         (Ok(step), _) => step,
         (Err(_), None) => return Ok(None),

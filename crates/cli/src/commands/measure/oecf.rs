@@ -1,5 +1,6 @@
 //! `measure oecf`: the response of a camera to light, its noise and its dynamic range, from a step wedge.
 
+use super::super::named_once;
 use super::{finish, line, name_of, sheet};
 use crate::args::MeasureOecf;
 use crate::paint;
@@ -11,6 +12,7 @@ use std::fmt::Write as _;
 
 /// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(asked: &MeasureOecf, json: bool) -> anyhow::Result<()> {
+    named_once(&asked.files)?;
     let outputs = paint::prepare(&asked.output)?;
     let encoding = asked.encoding.decoded();
     let pictures = asked.files.iter().map(|f| Measured::read(f, encoding)).collect::<Result<Vec<_>, MeasureError>>()?;

@@ -5,8 +5,9 @@ use super::super::{XMP_NAMESPACE, tag};
 use super::mosaic::flat;
 use super::{DAYLIGHT_KELVIN, DAYLIGHT_XY, File, MADE_LEVELS, levels, malformed};
 use crate::exif::EXIF_DIRECTORY;
-use crate::raw::{Cfa, ColorCalibration, Framing, GREY_GAIN, LightSource, RawHeader};
+use crate::raw::{self, Cfa, ColorCalibration, Framing, GREY_GAIN, LightSource, RawHeader};
 use crate::{ExposureFacts, ImageError};
+use diopter_light::color::kelvin_from_xy;
 use std::io::{Read, Seek};
 use tiff::Directory;
 
@@ -22,7 +23,7 @@ pub(super) fn header<R: Read + Seek>(
     let polarizers = Cfa::parse(&facts.polarizers).filter(|p| cfa.is_monochrome() && p.tells_polarization());
     let cfa = polarizers.unwrap_or(cfa);
     let n = cfa.channel_count();
-    let [black_level, white_level] = if storage.float { MADE_LEVELS } else { levels(file, raw, storage)? };
+    let [black_level, white_level] = if storage.float { MADE_LEVELS } else { levels(file, raw, storage, warnings)? };
     let mut calibrations = Vec::new();
     if !cfa.is_colorless() {
         for k in 0..2 {
@@ -36,6 +37,15 @@ pub(super) fn header<R: Read + Seek>(
                     "ColorMatrix{} is no matrix of {n} × 3 numbers that tells colours apart: {color:?}",
                     k + 1
                 )));
+            }
+            // Without one, colours come by the colour matrix.
+            let mut columns: Vec<[f64; 3]> = match forward.len() == 3 * n {
+                true => (0..n).map(|c| std::array::from_fn(|row| forward[row * n + c])).collect(),
+                false => Vec::new(),
+            };
+            if !columns.is_empty() && flat(columns.as_flattened()) {
+                warnings.push(format!("ForwardMatrix{} tells no colours apart: it is left out", k + 1));
+                columns.clear();
             }
             let light = file.number(main, tag::CALIBRATION_ILLUMINANT[k])?.unwrap_or(0.0);
             let own = calibrated(file, main, k, n)?;
@@ -52,10 +62,7 @@ pub(super) fn header<R: Read + Seek>(
             calibrations.push(ColorCalibration {
                 light: LightSource(light as u16),
                 camera_from_xyz,
-                xyz_d50_from_balanced: match forward.len() == 3 * n {
-                    true => (0..n).map(|c| std::array::from_fn(|row| forward[row * n + c])).collect(),
-                    false => Vec::new(),
-                },
+                xyz_d50_from_balanced: columns,
             });
         }
         if calibrations.is_empty() {
@@ -68,7 +75,18 @@ pub(super) fn header<R: Read + Seek>(
     let neutral = neutral(file, main, n, &calibrations, warnings)?;
     let largest = neutral.iter().fold(0.0f64, |a, b| a.max(*b));
     // Without it the fractions of saturation are meant as they are.
-    let baseline = file.number(main, tag::BASELINE_EXPOSURE)?.filter(|v| v.abs() <= 20.0).unwrap_or(0.0);
+    let mut ev = |tag: u16| Ok::<_, ImageError>(file.number(main, tag)?.filter(|v| v.abs() <= 20.0).unwrap_or(0.0));
+    // What the camera's profile adds, beside it.
+    let baseline = ev(tag::BASELINE_EXPOSURE)? + ev(tag::BASELINE_EXPOSURE_OFFSET)?;
+    if file.numbers(raw, tag::DEFAULT_USER_CROP)?.iter().zip([0.0, 0.0, 1.0, 1.0]).any(|(found, whole)| *found != whole) {
+        warnings.push("DefaultUserCrop: the whole picture is shown, not the part that was chosen in the camera".to_owned());
+    }
+    let planes = file.numbers(raw, tag::CFA_PLANE_COLOR)?;
+    if planes.len() == 3 && planes != [0.0, 1.0, 2.0] && !cfa.is_colorless() {
+        return Err(malformed(format!(
+            "CFAPlaneColor is {planes:?}: expected red, green, blue (0, 1, 2), in which order matrices are read"
+        )));
+    }
     let noise = file.numbers(raw, tag::NOISE_PROFILE)?;
     // One pair stands for all planes.
     let noise = if noise.len() == 2 { noise.repeat(n) } else { noise };
@@ -127,19 +145,20 @@ pub(super) fn neutral<R: Read + Seek>(
     // The calibration whose light is nearest to daylight.
     let off = |c: &ColorCalibration| c.light.kelvin().map_or(f64::MAX, |k| (1.0 / k - 1.0 / DAYLIGHT_KELVIN).abs());
     let Some(nearest) = calibrations.iter().min_by(|a, b| off(a).total_cmp(&off(b))) else { return Ok(vec![1.0; n]) };
-    let signal = |c: &ColorCalibration, [x, y]: [f64; 2]| -> Vec<f64> {
+    let signal = |camera_from_xyz: &[[f64; 3]], [x, y]: [f64; 2]| -> Vec<f64> {
         let xyz = [x / y, 1.0, (1.0 - x - y) / y];
-        c.camera_from_xyz.iter().map(|row| row.iter().zip(xyz).map(|(a, b)| a * b).sum()).collect()
+        camera_from_xyz.iter().map(|row| row.iter().zip(xyz).map(|(a, b)| a * b).sum()).collect()
     };
-    if let ([x, y], Some(c)) = (&file.numbers(main, tag::AS_SHOT_WHITE_XY)?[..], calibrations.last())
-        && *y > 0.0
+    if let [x, y] = file.numbers(main, tag::AS_SHOT_WHITE_XY)?[..]
+        && y > 0.0
+        && let Some(rows) = raw::camera_from_xyz(calibrations, kelvin_from_xy((x, y)))
     {
-        let signal = signal(c, [*x, *y]);
+        let signal = signal(&rows, [x, y]);
         if fine(&signal) {
             return Ok(signal);
         }
     }
-    let daylight = signal(nearest, DAYLIGHT_XY);
+    let daylight = signal(&nearest.camera_from_xyz, DAYLIGHT_XY);
     let told = "the file does not say what was white (AsShotNeutral)";
     if fine(&daylight) {
         warnings.push(format!("{told}: daylight was taken (D55, by its colour matrix); the setting white.balance takes another"));

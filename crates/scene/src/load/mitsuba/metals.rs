@@ -43,7 +43,10 @@ mod tests {
             // Below those of any substance. The file of AlAs has indices of 0.
             assert!(points.iter().all(|p| p[1] >= 0.0 && p[2] >= 0.0 && p[1].max(p[2]) < 10.0), "{name}");
             assert!(name == "AlAs" || points.iter().all(|p| p[1] > 0.0), "{name}");
-            assert!(of(name).is_some_and(|[n, k]| [380.0, 550.0, 780.0].iter().all(|nm| n.at(*nm) >= 0.0 && k.at(*nm) >= 0.0)), "{name}");
+            assert!(
+                of(name).is_some_and(|[n, k]| [380.0, 550.0, 780.0].iter().all(|nm| n.at(*nm) >= 0.0 && k.at(*nm) >= 0.0)),
+                "{name}"
+            );
         }
     }
 
