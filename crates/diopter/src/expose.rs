@@ -121,15 +121,18 @@ pub(crate) struct PixelBlock {
 
 impl PixelBlock {
     /// Mean of each band of a pixel of the film. `[column, row]` must lie in the block.
-    pub fn mean(&self, [column, row]: [usize; 2]) -> &[f32] {
-        let start = ((row - self.top) * self.width + column - self.left) * self.bands;
-        &self.mean[start..start + self.bands]
+    pub fn mean(&self, pixel: [usize; 2]) -> &[f32] {
+        &self.mean[self.bands_of(pixel)]
     }
 
-    /// Variance of the mean of a band by the samples of the exposure, over all pixels of the block.
-    pub fn variance(&self, band: usize) -> f64 {
-        let values = self.half_difference.iter().skip(band).step_by(self.bands).map(|h| f64::from(*h).powi(2));
-        values.sum::<f64>() * self.bands as f64 / self.half_difference.len() as f64
+    /// Half the difference of the two halves of the samples of each band of a pixel, whose mean square is the variance of the mean.
+    pub fn half_difference(&self, pixel: [usize; 2]) -> &[f32] {
+        &self.half_difference[self.bands_of(pixel)]
+    }
+
+    fn bands_of(&self, [column, row]: [usize; 2]) -> Range<usize> {
+        let start = ((row - self.top) * self.width + column - self.left) * self.bands;
+        start..start + self.bands
     }
 }
 

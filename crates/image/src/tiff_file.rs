@@ -4,7 +4,8 @@ use crate::picture::{in_bands, rows_16_bit};
 use crate::streams::WriteSeek;
 use crate::tags::{Field, write_fields};
 use crate::{ImageError, PictureSource, exif, icc};
-use std::io::{Seek, Write};
+use std::io::{Cursor, Seek, Write};
+use tiff::decoder::Decoder;
 use tiff::encoder::{TiffEncoder, colortype::RGB16};
 use tiff::tags::Tag;
 
@@ -53,13 +54,29 @@ fn write_to(picture: &dyn PictureSource, to: &mut dyn WriteSeek) -> Result<(), I
     image.finish().map_err(io)
 }
 
+/// The colour profile (ICC) that a TIFF carries; `None` without one, and of what cannot be read.
+pub fn profile(bytes: &[u8]) -> Option<Vec<u8>> {
+    Decoder::new(Cursor::new(bytes)).ok()?.get_tag_u8_vec(Tag::IccProfile).ok()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::{Encoding, ExposureFacts, Picture, Raster};
     use diopter_light::color::RgbSpace;
-    use std::io::Cursor;
-    use tiff::decoder::Decoder;
+
+    #[test]
+    fn profiles_are_larger_than_small_pictures() {
+        let picture = Picture { pixels: Raster::new(3, 2, 3), space: RgbSpace::Rec2020, encoding: Encoding::Pq, facts: None };
+        let mut file = Cursor::new(Vec::new());
+        write(&picture, &mut file).unwrap();
+        let found = profile(file.get_ref()).unwrap();
+        assert_eq!(found, icc::profile(RgbSpace::Rec2020, Encoding::Pq).unwrap());
+        // ICC.1 annex B.4: type 7, little-endian here.
+        let entry = [0x73, 0x87, 7, 0];
+        assert!(file.get_ref().windows(4).any(|bytes| bytes == entry));
+        assert_eq!(profile(&file.get_ref()[..100]), None);
+    }
 
     #[test]
     fn a_file_says_how_it_was_taken() {

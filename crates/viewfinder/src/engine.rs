@@ -20,6 +20,7 @@ use diopter::denoising::{Denoise, Filter};
 use diopter::expose::{ExposeError, ProgressReporter};
 use diopter::image::{ExposureFacts, FocalPlane, Raster, jpeg};
 use diopter::quantity::{FocusTo, LengthMm};
+use diopter::shot::sections::{CameraSection, FocusSection};
 use diopter::shot::{FireflyChoice, Inputs, Shot, ShotError, ShotFile};
 use serde_json::{Value, json};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -104,6 +105,8 @@ struct Engine<'a> {
     development_s: f64,
     frames: u64,
     focus: Option<Value>,
+    /// The camera and its focus that the report is of.
+    focused: Option<(CameraSection, FocusSection)>,
 }
 
 /// How a frame is made.
@@ -128,6 +131,7 @@ pub fn run(session: &Session, first: Option<Shot>) {
         development_s: 2e-7,
         frames: 0,
         focus: None,
+        focused: None,
     };
     // The network where it is installed; the built-in filter where it is not or does not work.
     if let Ok(Some(filter)) = Filter::open(Denoise::Auto, None, &mut |_| ()) {
@@ -172,7 +176,11 @@ pub fn for_finder(shot: &ShotFile) -> ShotFile {
     let mut file = shot.clone();
     let r = &mut file.render;
     (r.denoise, r.oidn, r.time_limit, r.samples, r.quick) = (Some(Denoise::Off), None, None, None, false);
-    r.spp = Some(r.spp.unwrap_or(SAMPLES).clamp(1, MOST_SAMPLES));
+    // What no picture can have is refused as it is.
+    r.spp = match r.spp {
+        Some(spp) if !(1..=diopter::shot::MOST_SAMPLES).contains(&spp) => Some(spp),
+        spp => Some(spp.unwrap_or(SAMPLES).min(MOST_SAMPLES)),
+    };
     r.fireflies = Some(FireflyChoice::Keep);
     // Photon maps take longer than a frame.
     r.integrator.get_or_insert_with(|| "path".into());
@@ -222,12 +230,17 @@ impl Engine<'_> {
             session.busy(Some("focusing"));
         }
         match shot.focus(if looks { &watch } else { &first_watch }, &mut warn) {
+            // The report is that of another focus, or of another view.
+            Ok(None) if self.focused.as_ref().is_some_and(|of| *of != (asked.shot.camera.clone(), asked.shot.focus.clone())) => {
+                (self.focus, self.focused) = (None, None);
+            }
             Ok(None) => {}
             Ok(Some(report)) => {
                 self.focus = serde_json::to_value(&report).ok();
                 let mut settled = asked.shot.clone();
                 settled.focus.distance = Some(FocusTo::Extension(LengthMm(report.extension_mm)));
                 session.focused(asked, &settled);
+                self.focused = Some((asked.shot.camera.clone(), asked.shot.focus.clone()));
                 file = for_finder(&asked.shot);
                 shot.change_to(&file, &mut warn)?;
                 (shot.settings.truth, shot.settings.time_limit_s) = (true, None);

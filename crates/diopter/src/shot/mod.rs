@@ -38,6 +38,7 @@ pub use error::ShotError;
 pub(crate) use error::value;
 pub use error_parts::ErrorParts;
 pub use file::ShotFile;
+pub use flag_values::MOST_SAMPLES;
 pub use inputs::Inputs;
 pub use memory::ExposureUse;
 pub use scene_cache::SceneCache;

@@ -87,13 +87,18 @@ impl Shot {
             file.shutter.kind.get_or_insert_with(|| facts.kind.clone());
         }
         let e = &mut file.exposure;
-        e.compensation.get_or_insert(Ev(self.exposing.compensation_ev));
+        // What changes nothing would be told as such by whoever reads the file.
+        let all_is_set =
+            e.mode.as_deref() == Some(Mode::Manual.name()) && matches!(e.iso, Some(crate::quantity::IsoChoice::Fixed(_)));
+        match all_is_set {
+            true => e.compensation = None,
+            false => _ = e.compensation.get_or_insert(Ev(self.exposing.compensation_ev)),
+        }
         if self.baseline_ev != 0.0 {
             e.baseline.get_or_insert(Ev(self.baseline_ev));
         }
         e.metering.get_or_insert_with(|| self.exposing.pattern.name().into());
         e.white.get_or_insert_with(|| self.reading.white.clone());
-        // What changes nothing would be told as such by whoever reads the file.
         if self.sensor.ignored_temperature().is_none() {
             e.temperature_c.get_or_insert(self.sensor.temperature_c);
         }

@@ -363,8 +363,8 @@ pub(super) fn brightness(shot: &Shot, pixel: &Pixel, seen: &Seen) -> Result<Brig
     Ok(Brightness { luminance: seen.luminance, factors, value, codes, electrons, of_saturation, channel })
 }
 
-/// The tile around a pixel as the shot exposes it, with so many samples a pixel.
-fn tile(shot: &Shot, pixel: [usize; 2], diffracts: bool, response: &Response, spp: u32) -> PixelBlock {
+/// The tile around a pixel as the shot exposes it, with so many samples a pixel; `repeat`: which of several such exposures.
+fn tile(shot: &Shot, pixel: [usize; 2], diffracts: bool, response: &Response, spp: u32, repeat: u64) -> PixelBlock {
     let (shutter, facts) = (shot.shutter(), ExposureFacts::default());
     let spp = spp.clamp(2, MOST_SPP);
     let mut settings = Settings {
@@ -373,6 +373,7 @@ fn tile(shot: &Shot, pixel: [usize; 2], diffracts: bool, response: &Response, sp
         time_limit_s: None,
         truth: false,
         rgb: false,
+        seed: shot.settings.seed.wrapping_add(repeat.wrapping_mul(0x9e37_79b9_7f4a_7c15)),
         diffraction: if diffracts { Diffraction::On { white_e: None } } else { Diffraction::Off },
         ..shot.settings.clone()
     };
@@ -383,21 +384,33 @@ fn tile(shot: &Shot, pixel: [usize; 2], diffracts: bool, response: &Response, sp
     Exposure { scene, camera, shutter: &shutter, response, settings: &settings, facts: &facts }.tile_around(pixel)
 }
 
-/// Variance of the electrons of a pixel by so many samples.
+/// Variance of the electrons of a pixel by so many samples: from how they differ between some exposures of it, with as many or fewer samples.
 pub(super) fn variance(shot: &Shot, pixel: [usize; 2], diffracts: bool, spp: u32) -> f64 {
-    let channel = shot.sensor.cfa.channel_at(pixel[0], pixel[1]);
-    tile(shot, pixel, diffracts, &Response::sensor(&shot.sensor), spp).variance(channel)
+    /// Exposures: the variance is found within a quarter (a root of 2 / 31).
+    const REPEATS: u64 = 16;
+    /// Most samples of each.
+    const MOST: u32 = 32;
+    let (channel, response) = (shot.sensor.cfa.channel_at(pixel[0], pixel[1]), Response::sensor(&shot.sensor));
+    let taken = spp.clamp(2, MOST);
+    let of = |repeat: u64| {
+        let tile = tile(shot, pixel, diffracts, &response, taken, repeat);
+        (f64::from(tile.mean(pixel)[channel]), f64::from(tile.half_difference(pixel)[channel]))
+    };
+    let found: Vec<(f64, f64)> = (0..REPEATS).map(of).collect();
+    let n = REPEATS as f64;
+    let mean = found.iter().map(|(mean, _)| mean).sum::<f64>() / n;
+    // Between exposures, and between the halves of each: both say the same.
+    let between = found.iter().map(|(m, _)| (m - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    let within = found.iter().map(|(_, half)| half.powi(2)).sum::<f64>() / n;
+    0.5 * (between + within) * f64::from(taken) / f64::from(spp.max(1))
 }
 
 /// Electrons of each channel and luminance at a pixel, and the variance of the electrons of its channel by the shot's own samples.
 pub(super) fn exposed(shot: &Shot, pixel: [usize; 2], diffracts: bool) -> (Vec<f64>, f64, f64) {
     let many = shot.settings.spp.max(LEAST_SPP);
-    let counted = tile(shot, pixel, diffracts, &Response::sensor(&shot.sensor), many);
-    let variance = match shot.settings.spp < LEAST_SPP {
-        true => variance(shot, pixel, diffracts, shot.settings.spp),
-        false => counted.variance(shot.sensor.cfa.channel_at(pixel[0], pixel[1])),
-    };
-    let luminance = f64::from(tile(shot, pixel, diffracts, &Response::luminance(), many).mean(pixel)[0]);
+    let counted = tile(shot, pixel, diffracts, &Response::sensor(&shot.sensor), many, 0);
+    let variance = variance(shot, pixel, diffracts, shot.settings.spp);
+    let luminance = f64::from(tile(shot, pixel, diffracts, &Response::luminance(), many, 0).mean(pixel)[0]);
     (counted.mean(pixel).iter().map(|e| f64::from(*e)).collect(), luminance.max(0.0), variance)
 }
 

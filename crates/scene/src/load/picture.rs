@@ -75,10 +75,11 @@ pub fn read_codes(bytes: &[u8]) -> Result<Raster<f32>, String> {
 /// The colour profile (ICC) that a picture carries; `None` without one, and of what cannot be read.
 pub fn read_profile(bytes: &[u8]) -> Option<Vec<u8>> {
     let format = image::guess_format(bytes).ok()?;
-    let mut reader = image::ImageReader::with_format(Cursor::new(bytes), format);
-    // Limits are those of the picture, which would refuse the profile of a small one.
-    reader.no_limits();
-    reader.into_decoder().ok()?.icc_profile().ok()?
+    if format == ImageFormat::Tiff {
+        // The other reader may hold no more than the picture's own bytes, which refuses the profile of a small one.
+        return diopter_image::tiff_file::profile(bytes);
+    }
+    image::ImageReader::with_format(Cursor::new(bytes), format).into_decoder().ok()?.icc_profile().ok()?
 }
 
 /// Reads a picture as its file has it: codes of 8 or 16 bits a channel, or numbers.
