@@ -188,7 +188,7 @@ pub static CHANNELS: [Channel; 22] = [
         missing: f32::INFINITY,
         needs_frames: false,
         needs_pupil: false,
-        about: "distance from the middle of the entrance pupil (the camera's place, as in calibrations) along the camera's axis (all around, where there is no axis: along the ray); infinite where nothing is hit",
+        about: "distance from the middle of the entrance pupil (the camera's place, as in calibrations) along the camera's axis, whatever the projection (fisheyes and calibrated cameras, too; negative behind the camera, in fields over 180°); of a panorama, which has no axis, along the ray; infinite where nothing is hit",
     },
     Channel {
         id: ChannelId::Normal,

@@ -130,7 +130,9 @@ mod tests {
             camera_from_xyz: (0..n)
                 .map(|c| std::array::from_fn(|k| scale * (1.0 + c as f64 - 0.5 * k as f64 + if c == k { 1.0 } else { 0.0 })))
                 .collect(),
-            xyz_d50_from_balanced: (0..n).map(|c| std::array::from_fn(|k| scale * 0.25 * (1.0 + (c + k) as f64))).collect(),
+            xyz_d50_from_balanced: (0..n)
+                .map(|c| std::array::from_fn(|k| scale * (0.25 * (1.0 + (c + k) as f64) + if c == k { 1.0 } else { 0.0 })))
+                .collect(),
         };
         let mono = cfa.is_colorless();
         RawImage {
@@ -397,6 +399,52 @@ mod tests {
         fields.push((tag::OPCODE_LIST[2], Field::Undefined(vec![0, 0, 0, 9, 1])));
         let error = read(Cursor::new(tiny([8, 6], 1, &shorts(&dn), fields))).unwrap_err().to_string();
         assert!(error.contains("OpcodeList3") && error.contains("opcode 1 of 9"), "{error}");
+    }
+
+    #[test]
+    fn what_files_say_of_colors_and_crops_counts_or_is_told() {
+        let read = |samples: usize, fields: Vec<(u16, Field)>| {
+            super::read(Cursor::new(tiny([4, 4], samples, &shorts(&vec![1000; 16 * samples]), fields)))
+        };
+        let plain = read(1, vec![white(vec![1.0; 3])]).unwrap().header;
+        assert!(plain.warnings.is_empty(), "{:?}", plain.warnings);
+        // A chromaticity between both calibrations: the camera sees twice the red of the warm one's XYZ in the light of A, as much as XYZ in D65.
+        let twice = vec![2.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+        let at = |[x, y]: [f64; 2]| {
+            let fields = vec![
+                (tag::COLOR_MATRIX[0], Field::SRationals(twice.clone())),
+                (tag::CALIBRATION_ILLUMINANT[0], Field::short(17)),
+                (tag::COLOR_MATRIX[1], Field::SRationals(vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])),
+                (tag::CALIBRATION_ILLUMINANT[1], Field::short(21)),
+                (tag::AS_SHOT_WHITE_XY, Field::Rationals(vec![x, y])),
+            ];
+            let neutral = read(1, fields).unwrap().header.as_shot_neutral;
+            // Of red over green, relative to XYZ.
+            neutral[0] / neutral[1] * y / x
+        };
+        // A, D65, and 3968 K between them by reciprocal temperature (CIE 15; Kim et al. 2002).
+        let [warm, cool, between] = [[0.44757, 0.40745], [0.31272, 0.32903], [0.3825, 0.3838]].map(at);
+        assert!(
+            (warm - 2.0).abs() < 0.01 && (cool - 1.0).abs() < 0.01 && (between - 1.5).abs() < 0.05,
+            "{warm} {cool} {between}"
+        );
+        // No colours come by a matrix of zeros, and the brightness of the profile counts.
+        let zeros = (tag::FORWARD_MATRIX[0], Field::SRationals(vec![0.0; 9]));
+        let header = read(1, vec![white(vec![1.0; 3]), zeros]).unwrap().header;
+        assert!(header.calibrations[0].xyz_d50_from_balanced.is_empty() && header.warnings[0].contains("ForwardMatrix1"));
+        let offset = (tag::BASELINE_EXPOSURE_OFFSET, Field::SRationals(vec![1.0]));
+        assert!((read(1, vec![white(vec![1.0; 3]), offset]).unwrap().header.baseline_ev - plain.baseline_ev - 1.0).abs() < 1e-9);
+        let crop = (tag::DEFAULT_USER_CROP, Field::Rationals(vec![0.25, 0.25, 0.75, 0.75]));
+        assert!(read(1, vec![white(vec![1.0; 3]), crop]).unwrap().header.warnings[0].contains("DefaultUserCrop"));
+        let whites = (tag::WHITE_LEVEL, Field::Longs(vec![65_535, 32_768, 65_535]));
+        assert!(read(3, vec![white(vec![1.0; 3]), whites]).unwrap().header.warnings[0].contains("WhiteLevel"));
+        for (field, word) in [
+            ((tag::CFA_LAYOUT, Field::short(2)), "CFALayout"),
+            ((tag::CFA_PLANE_COLOR, Field::Bytes(vec![2, 1, 0])), "CFAPlaneColor"),
+        ] {
+            let e = read(1, vec![white(vec![1.0; 3]), field]).unwrap_err().to_string();
+            assert!(e.contains(word), "{e}");
+        }
     }
 
     #[test]
