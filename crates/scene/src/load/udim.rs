@@ -10,11 +10,14 @@ use crate::texture::{Codes, Image, Texel, Texels, Wrap};
 use glam::{Affine2, Vec2, Vec4};
 use std::sync::Arc;
 
-/// What stands for the tile in a name, and what is put there for a column and a row, both from 0.
-const MARKS: [(&str, fn(usize, usize) -> String); 2] = [
-    ("<UDIM>", |column, row| format!("{}", 1001 + column + ACROSS * row)),
-    ("<UVTILE>", |column, row| format!("u{}_v{}", column + 1, row + 1)),
-];
+/// What stands for the tile in a name.
+const MARKS: [&str; 2] = ["<UDIM>", "<UVTILE>"];
+
+/// The name of the tile in a column and a row, both from 0.
+fn tile_name(name: &str, column: usize, row: usize) -> String {
+    let [number, place] = [format!("{}", 1001 + column + ACROSS * row), format!("u{}_v{}", column + 1, row + 1)];
+    name.replace(MARKS[0], &number).replace(MARKS[1], &place)
+}
 
 /// Tiles in a row, and rows.
 const ACROSS: usize = 10;
@@ -48,7 +51,7 @@ impl Picture {
 /// Reads the picture of a name, or the tiles of a name with a mark in it. Tiles smaller than the largest are enlarged, places without one are black. Fails
 /// with the reason where there is no file or it cannot be read.
 pub fn read(name: &str, bytes: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>) -> Result<Picture, String> {
-    if !MARKS.iter().any(|mark| name.contains(mark.0)) {
+    if !MARKS.iter().any(|mark| name.contains(mark)) {
         return Ok(Arc::new(read_texture(&bytes(name)?)?).into());
     }
     let (image, image_from_unit) = joined(name, MOST_PIXELS, &mut |tile| bytes(tile).ok().map(|found| read_texture(&found)))?;
@@ -63,7 +66,7 @@ fn joined(
 ) -> Result<(Image, Affine2), String> {
     let mut tiles = Vec::new();
     for place @ [column, row] in (0..ACROSS * ACROSS).map(|i| [i % ACROSS, i / ACROSS]) {
-        let tile = MARKS.iter().fold(name.to_owned(), |name, (mark, of)| name.replace(mark, &of(column, row)));
+        let tile = tile_name(name, column, row);
         if let Some(found) = read(&tile) {
             tiles.push((place, found.map_err(|reason| format!("{tile}: {reason}"))?));
         }
