@@ -1,7 +1,7 @@
 //! Pictures in tiles: a file for each unit square of texture coordinates, numbered 1001 + column + 10 · row from the lower left (UDIM). They become one
 //! picture, which is looked up and filtered as any other.
 //!
-//! Sources: OpenUSD, UsdUVTexture ("<UDIM>" in an asset path, tiles 1001 to 1100); MaterialX 1.39, "Filename Substitutions" (also "<UVTILE>", as
+//! Sources: OpenUSD, UsdUVTexture (`<UDIM>` in an asset path, tiles 1001 to 1100); MaterialX 1.39, "Filename Substitutions" (also `<UVTILE>`, as
 //! "u1_v1").
 
 use super::read_texture;
