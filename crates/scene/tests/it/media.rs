@@ -423,7 +423,7 @@ fn paths_that_are_followed_less_far_find_as_much_light() {
     .unwrap();
     let rates = RouletteRates::best([1.0, 1.0], [[0.04, 1.0]; RouletteRates::EVENTS.len()]).expect("few go on");
     assert!(rates.after(1) < 0.4 && rates.after(1) > 0.1);
-    let n = 100_000;
+    let n = 150_000;
     let seen = |roulette: Option<&RouletteRates>| {
         let path = |i: u32| {
             let sampler = Sampler::new(SamplerKind::Independent, 5, (i, 0), 0, 1);
