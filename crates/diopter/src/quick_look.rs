@@ -17,6 +17,7 @@ use diopter_image::{ExposureFacts, FocalPlane, Raster};
 use diopter_lens::{Iris, Lens, Pinhole};
 use diopter_light::instruction_set;
 use diopter_light::units::Millimeters;
+use diopter_sensor::format;
 use fearless_simd::{Simd, dispatch, f64x4, prelude::*};
 use glam::{DVec2, DVec4};
 use rayon::prelude::*;
@@ -449,8 +450,10 @@ pub fn of_plane(plane: &FocalPlane, optics: &Optics) -> FocalPlane {
     };
     let facts = ExposureFacts {
         focal_length_mm: optics.focal_mm,
-        focal_length_35mm_mm: optics.focal_mm * FULL_FRAME_WIDTH_MM.hypot(FULL_FRAME_HEIGHT_MM)
-            / film_diagonal(optics.film_width_mm, plane.width(), plane.height()),
+        focal_length_35mm_mm: format::equivalent_35mm(
+            optics.focal_mm,
+            film_diagonal(optics.film_width_mm, plane.width(), plane.height()),
+        ),
         f_number: optics.f_number,
         focus_distance_m: optics.focus_m.is_finite().then_some(optics.focus_m),
         extension_mm: 1.0 / (1.0 / optics.focal_mm - 1.0 / (1000.0 * optics.focus_m)) - optics.focal_mm,
@@ -468,12 +471,9 @@ pub fn of_plane(plane: &FocalPlane, optics: &Optics) -> FocalPlane {
 /// Width of the film of a plane, mm, by its focal lengths; `None` where these are not known.
 pub fn film_width_of(plane: &FocalPlane) -> Option<f64> {
     let facts = &plane.facts;
-    let diagonal = FULL_FRAME_WIDTH_MM.hypot(FULL_FRAME_HEIGHT_MM) * facts.focal_length_mm / facts.focal_length_35mm_mm;
+    let diagonal = format::FULL_FRAME_DIAGONAL_MM * facts.focal_length_mm / facts.focal_length_35mm_mm;
     (diagonal.is_finite() && diagonal > 0.0).then(|| diagonal / film_diagonal(1.0, plane.width(), plane.height()))
 }
-
-const FULL_FRAME_WIDTH_MM: f64 = 36.0;
-const FULL_FRAME_HEIGHT_MM: f64 = 24.0;
 
 /// Diagonal of a film of a width with so many square pixels.
 fn film_diagonal(film_width_mm: f64, width: usize, height: usize) -> f64 {

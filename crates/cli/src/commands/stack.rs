@@ -10,6 +10,7 @@ use diopter::develop::lut::Lut;
 use diopter::develop::stack::{StackError, stack};
 use diopter::develop::{Recipe, develop};
 use diopter::image::{Picture, RawImage};
+use diopter::metering::ev100_of_facts;
 use diopter::shot::ShotError;
 use std::path::PathBuf;
 
@@ -36,13 +37,9 @@ pub fn run(args: &Stack, json: bool) -> anyhow::Result<()> {
 
 /// Says where pictures of a series are differently bright: parts of the result would be.
 fn warn_of_exposures(raws: &[RawImage]) {
-    /// EV, by time, f-number and speed: lenses that breathe differ by less.
+    /// EV: lenses that breathe differ by less.
     const SAME: f64 = 0.5;
-    let ev = raws.iter().map(|raw| {
-        let facts = &raw.header.facts;
-        (facts.exposure_s * facts.speed()? / facts.f_number.powi(2)).log2().into()
-    });
-    let Some(ev) = ev.collect::<Option<Vec<f64>>>().filter(|ev| ev.iter().all(|ev| ev.is_finite())) else { return };
+    let ev: Vec<f64> = raws.iter().map(|raw| ev100_of_facts(&raw.header.facts)).filter(|ev| ev.is_finite()).collect();
     let (least, most) = ev.iter().fold((f64::MAX, f64::MIN), |(a, b), ev| (a.min(*ev), b.max(*ev)));
     if most - least > SAME {
         warn(&format!(

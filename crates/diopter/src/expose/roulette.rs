@@ -1,9 +1,9 @@
 //! How far paths through media are worth following, learnt from some thousand of them before an exposure ([`RouletteRates`]). In fog at night hardly any light is scattered
 //! more than four times, and following it takes two thirds of the time; in milk nearly all is.
 //!
-//! As the trials of `auto`, it depends on seed, scene, camera and film alone.
+//! As the trials of `auto`, it depends on seed, scene, camera, film and number of samples alone, not on which of them are asked for.
 
-use super::trial::{BLOCKS, DARK, pixel_of_block};
+use super::trial::{BLOCKS, pixel_of_block, relative_mean};
 use super::unit::Unit;
 use super::{Exposure, Integrator};
 use diopter_light::SampledSpectrum;
@@ -75,17 +75,9 @@ fn rates(blocks: &[Vec<[Seen; 2]>]) -> Option<RouletteRates> {
         pixels.iter().flatten().flat_map(|(light, _)| light).sum::<f64>() / (2 * pixels.len()).max(1) as f64
     };
     let means: Vec<f64> = blocks.iter().map(mean).collect();
-    let dark = DARK * means.iter().sum::<f64>() / means.len().max(1) as f64;
-    // The mean over all pixels of what `of` says of the light of a stage in their two samples, over the square of all light around.
+    // What `of` says of the light of a stage in the two samples of a pixel, over the square of all light around.
     let relative = |stage: usize, of: fn(f64, f64) -> f64, worst: f64| {
-        let of_block = |(pixels, mean): (&Vec<[Seen; 2]>, &f64)| {
-            let scale = 1.0 / (mean * mean + dark * dark).max(f64::MIN_POSITIVE);
-            pixels.iter().map(|[a, b]| scale * of(a.0[stage], b.0[stage])).collect::<Vec<_>>()
-        };
-        let mut squares: Vec<f64> = blocks.iter().zip(&means).flat_map(of_block).collect();
-        squares.sort_by(f64::total_cmp);
-        let kept = squares.len() - (worst * squares.len() as f64).ceil() as usize;
-        squares[..kept].iter().sum::<f64>() / kept.max(1) as f64
+        relative_mean(blocks, &means, |[a, b]: &[Seen; 2]| of(a.0[stage], b.0[stage]), worst)
     };
     // Events of all paths from one number on up to another; one more for the way from the camera.
     let events = |from: u32, to: u32| {

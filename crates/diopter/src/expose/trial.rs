@@ -35,7 +35,7 @@ const FILM_A_PAIR: usize = 4;
 /// The worst pairs of either integrator are left out: with them a single one decides.
 const WORST: f64 = 0.0005;
 /// Light of a block below so much of the mean of all is not asked for its relative noise.
-pub(super) const DARK: f64 = 0.1;
+const DARK: f64 = 0.1;
 /// A sample with connections takes 2 to 2.5 times the time of one without: they pay where they leave clearly less than half of the squared error. In Cornell boxes
 /// they leave 0.42 to 0.54.
 const ACCEPT_FRACTION: f64 = 0.3;
@@ -116,17 +116,20 @@ fn relative_noise(blocks: &[Vec<Pair>], tried: &[Candidate]) -> [f64; 3] {
         0.5 * sum / (tried.len() * pairs.len()).max(1) as f64
     };
     let means: Vec<f64> = blocks.iter().map(mean).collect();
+    [0, 1, 2].map(|k| relative_mean(blocks, &means, |pair| 0.5 * (pair[k][0] - pair[k][1]).powi(2), WORST))
+}
+
+/// Mean of squares of light over the square of the mean light of their block, without a fraction of the largest.
+pub(super) fn relative_mean<T>(blocks: &[Vec<T>], means: &[f64], square: impl Fn(&T) -> f64, worst: f64) -> f64 {
     let dark = DARK * means.iter().sum::<f64>() / means.len().max(1) as f64;
-    [0, 1, 2].map(|k| {
-        let of_block = |(pairs, mean): (&Vec<Pair>, &f64)| {
-            let scale = 0.5 / (mean * mean + dark * dark).max(f64::MIN_POSITIVE);
-            pairs.iter().map(|pair| scale * (pair[k][0] - pair[k][1]).powi(2)).collect::<Vec<_>>()
-        };
-        let mut errors: Vec<f64> = blocks.iter().zip(&means).flat_map(of_block).collect();
-        errors.sort_by(f64::total_cmp);
-        let kept = errors.len() - (WORST * errors.len() as f64).ceil() as usize;
-        errors[..kept].iter().sum::<f64>() / kept.max(1) as f64
-    })
+    let of_block = |(all, mean): (&Vec<T>, &f64)| {
+        let scale = 1.0 / (mean * mean + dark * dark).max(f64::MIN_POSITIVE);
+        all.iter().map(|one| scale * square(one)).collect::<Vec<_>>()
+    };
+    let mut squares: Vec<f64> = blocks.iter().zip(means).flat_map(of_block).collect();
+    squares.sort_by(f64::total_cmp);
+    let kept = squares.len() - (worst * squares.len() as f64).ceil() as usize;
+    squares[..kept].iter().sum::<f64>() / kept.max(1) as f64
 }
 
 /// Whether connections pay, by the relative squared error of a sample without and with them, the first times what it costs; `None` where more pairs are to tell, if there are any.

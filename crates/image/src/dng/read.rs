@@ -150,7 +150,7 @@ fn read_from(from: &mut dyn ReadSeek) -> Result<RawImage, ImageError> {
             return Err(malformed(format!("{n} samples a pixel in {kind}: expected 1, or 3 (red, green, blue) of a linear one")));
         }
     };
-    let [black, white] = levels(&mut file, &raw, &storage, &mut Vec::new())?;
+    let [black, white] = levels(&mut file, &raw, &storage)?;
     let mut warnings = Vec::new();
     let mut mosaic = pixels(&mut file, &raw, &storage, [black, white])?;
     let area = active_area(&mut file, &raw, [mosaic.width / storage.samples, mosaic.height])?;
@@ -238,20 +238,11 @@ fn storage<R: Read + Seek>(file: &mut File<R>, raw: &Directory) -> Result<Storag
 }
 
 /// Black (the mean of all cells) and white of the numbers as the file has them.
-fn levels<R: Read + Seek>(
-    file: &mut File<R>,
-    raw: &Directory,
-    storage: &Storage,
-    warnings: &mut Vec<String>,
-) -> Result<[f64; 2], ImageError> {
+fn levels<R: Read + Seek>(file: &mut File<R>, raw: &Directory, storage: &Storage) -> Result<[f64; 2], ImageError> {
     let cells = file.numbers(raw, tag::BLACK_LEVEL)?;
     let black = if cells.is_empty() { 0.0 } else { cells.iter().sum::<f64>() / cells.len() as f64 };
     let top = if storage.float { 1.0 } else { f64::from((1u32 << storage.bits) - 1) };
-    let whites = file.numbers(raw, tag::WHITE_LEVEL)?;
-    let white = whites.first().copied().unwrap_or(top);
-    if whites.iter().any(|other| *other != white) {
-        warnings.push(format!("WhiteLevel differs between channels ({whites:?}): the first is taken for all"));
-    }
+    let white = file.number(raw, tag::WHITE_LEVEL)?.unwrap_or(top);
     let fine = black < white && white.is_finite() && black.is_finite();
     match fine && (storage.float || black >= 0.0 && white <= 65_535.0) {
         true => Ok([black, white]),

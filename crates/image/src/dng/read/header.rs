@@ -23,7 +23,7 @@ pub(super) fn header<R: Read + Seek>(
     let polarizers = Cfa::parse(&facts.polarizers).filter(|p| cfa.is_monochrome() && p.tells_polarization());
     let cfa = polarizers.unwrap_or(cfa);
     let n = cfa.channel_count();
-    let [black_level, white_level] = if storage.float { MADE_LEVELS } else { levels(file, raw, storage, warnings)? };
+    let [black_level, white_level] = if storage.float { MADE_LEVELS } else { levels(file, raw, storage)? };
     let mut calibrations = Vec::new();
     if !cfa.is_colorless() {
         for k in 0..2 {
@@ -78,6 +78,10 @@ pub(super) fn header<R: Read + Seek>(
     let mut ev = |tag: u16| Ok::<_, ImageError>(file.number(main, tag)?.filter(|v| v.abs() <= 20.0).unwrap_or(0.0));
     // What the camera's profile adds, beside it.
     let baseline = ev(tag::BASELINE_EXPOSURE)? + ev(tag::BASELINE_EXPOSURE_OFFSET)?;
+    let whites = file.numbers(raw, tag::WHITE_LEVEL)?;
+    if whites.windows(2).any(|w| w[0] != w[1]) {
+        warnings.push(format!("WhiteLevel differs between channels ({whites:?}): the first is taken for all"));
+    }
     if file.numbers(raw, tag::DEFAULT_USER_CROP)?.iter().zip([0.0, 0.0, 1.0, 1.0]).any(|(found, whole)| *found != whole) {
         warnings.push("DefaultUserCrop: the whole picture is shown, not the part that was chosen in the camera".to_owned());
     }
