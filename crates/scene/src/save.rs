@@ -289,6 +289,9 @@ pub fn gltf(d: &Description) -> Gltf {
                 json!({ "type": "perspective", "perspective": { "yfov": 40f32.to_radians(), "znear": 0.01 } })
             }
         };
+        if view.film.shift != [0.0; 2] {
+            w.warn("other programs see the shift of a camera's lens as none: glTF has no words for it");
+        }
         let place = view.node.map_or(view.world_from_camera, |node| timeline.world(node, 0.0));
         let carrier = view.node.filter(|node| moving.holds(*node));
         let kept = [

@@ -54,7 +54,7 @@ fn info(name: &str, strict: bool, json: bool) -> anyhow::Result<()> {
             .map(|c| {
                 serde_json::json!({
                     "name": c.name, "position_m": c.world_from_camera.translation.to_array(), "vertical_fov_rad": c.vertical_fov(),
-                    "sight": sight(c), "size": c.film.size,
+                    "sight": sight(c), "size": c.film.size, "shift": c.film.shift,
                 })
             })
             .collect();
@@ -282,10 +282,14 @@ fn glam_point(c: &diopter::scene::scene::Viewpoint) -> String {
 }
 
 fn sight(c: &diopter::scene::scene::Viewpoint) -> String {
-    match &c.sight {
+    let sees = match &c.sight {
         CameraProjection::Perspective { vertical_fov } => format!("{:.1}° high", vertical_fov.to_degrees()),
         CameraProjection::Orthographic { height } => format!("orthographic, {height} m high"),
         CameraProjection::Panorama => "all around".into(),
         CameraProjection::Table(lens) => format!("through {} focused at {} m", lens.file, lens.focus_m),
+    };
+    match c.film.shift {
+        [0.0, 0.0] => sees,
+        [x, y] => format!("{sees}, shifted by {x:.3} and {y:.3} heights to the right and up"),
     }
 }

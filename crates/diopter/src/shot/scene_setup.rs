@@ -119,14 +119,18 @@ pub(super) fn film(file: &ShotFile, sensor: &Sensor, view: Option<&Viewpoint>) -
         pixel_area_mm2: px * py,
         low_pass_mm: sensor.low_pass_px * px,
         gap_mm: [gap * px, gap * py],
-        center_mm: shift(&file.camera, w.hypot(h))?,
+        center_mm: shift(&file.camera, view, [w, h])?,
         microlenses: None,
     })
 }
 
-/// How far the lens is moved against the film, which is `diagonal_mm` across.
-fn shift(c: &CameraSection, diagonal_mm: f64) -> Result<[f64; 2], ShotError> {
-    let shift = c.shift_mm.unwrap_or([0.0; 2]);
+/// How far the lens is moved against the film, mm: as the shot says, else as the camera of the scene that it looks through.
+fn shift(c: &CameraSection, view: Option<&Viewpoint>, film_mm: [f64; 2]) -> Result<[f64; 2], ShotError> {
+    let diagonal_mm = film_mm[0].hypot(film_mm[1]);
+    let Some(shift) = c.shift_mm else {
+        let looks_through = c.look_from.is_none() && c.look_at.is_none() && c.path.is_empty() && c.calibration.is_none();
+        return Ok(view.filter(|_| looks_through).map_or([0.0; 2], |v| v.film.shift.map(|heights| heights * film_mm[1])));
+    };
     match shift.iter().all(|s| s.abs() <= diagonal_mm) {
         true => Ok(shift),
         false => Err(value(
@@ -307,6 +311,8 @@ pub(super) struct CameraPlacement {
     pub bounds: Bounds,
     /// Tangents of half the angles of view, across and up, as far as they are known without focusing.
     pub tan_half: [f32; 2],
+    /// Those of where the middle of the picture lies.
+    pub tan_middle: [f32; 2],
     /// How an embedded scene likes to be photographed.
     framing: Option<builtin::Framing>,
     /// Along the axis to what it is aimed at, m; `None` for the scene's own camera.
@@ -460,12 +466,15 @@ pub(super) fn placement(
         });
         [film.width_mm, film.height_mm].map(|side| 0.5 * side / stated.unwrap_or(focal_mm))
     });
-    let tan_half = tan_half.map(|t| t as f32);
+    // The film is as large as the angle that it sees.
+    let tan_middle = [0, 1].map(|k| tan_half[k] * 2.0 * film.center_mm[k] / [film.width_mm, film.height_mm][k]);
+    let [tan_half, tan_middle] = [tan_half, tan_middle].map(|tangents| tangents.map(|t| t as f32));
     Ok(CameraPlacement {
         place,
         carrier,
         bounds,
         tan_half,
+        tan_middle,
         framing,
         subject_m,
         framed,
@@ -536,7 +545,8 @@ fn nearest_in_the_middle(scene: &Scene, placement: &CameraPlacement) -> Option<f
     let ahead = placement.place.transform_vector3(Vec3::NEG_Z);
     let across = |k: u8, part: f32, tan: f32| (2.0 * f32::from(k) / f32::from(FOCUS_RAYS) - 1.0) * part * tan;
     let depth = |x: f32, y: f32| {
-        let direction = placement.place.transform_vector3(Vec3::new(x, y, -1.0)).normalize();
+        let [middle_x, middle_y] = placement.tan_middle;
+        let direction = placement.place.transform_vector3(Vec3::new(middle_x + x, middle_y + y, -1.0)).normalize();
         let seen = scene.first_surface(&Ray { origin: placement.place.translation.into(), direction, time_s: 0.0 })?;
         d.objects.get(seen.object as usize).filter(|o| !is_staging(o) && !free(o))?;
         Some(f64::from(seen.distance * direction.dot(ahead)))

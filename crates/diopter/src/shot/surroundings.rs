@@ -258,7 +258,8 @@ fn add_studio(scene: &mut Description, section: &SceneSection, placement: &Camer
 }
 
 fn studio(placement: &CameraPlacement, albedo: f32) -> Studio {
-    let view = studio::View { world_from_camera: placement.place, tan_half: placement.tan_half };
+    let tan_half = [0, 1].map(|k| placement.tan_half[k] + placement.tan_middle[k].abs());
+    let view = studio::View { world_from_camera: placement.place, tan_half };
     Studio { subject: placement.bounds, view, albedo }
 }
 

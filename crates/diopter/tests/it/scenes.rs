@@ -148,6 +148,78 @@ fn a_files_angle_of_view_is_that_of_the_picture_however_near_its_camera_focuses(
 }
 
 #[test]
+fn cropped_and_shifted_films_show_the_same_pixels() {
+    // A square for each pixel of six by four, in the plane of focus.
+    let folder = Folder::new("crops");
+    let square = |k: usize| {
+        let (x, y) = ((k % 6) as f64 - 3.0, 2.0 - (k / 6) as f64);
+        format!(
+            "Shape \"bilinearmesh\" \"point3 P\" [{} {} 9 {} {} 9 {} {} 9 {} {} 9]\n",
+            x + 0.05,
+            y - 0.95,
+            x + 0.95,
+            y - 0.95,
+            x + 0.05,
+            y - 0.05,
+            x + 0.95,
+            y - 0.05
+        )
+    };
+    let squares: String = (0..24).map(square).collect();
+    let ids = |camera: &str, film: &str| {
+        let text = format!(
+            "{camera}\nFilm \"rgb\" \"integer xresolution\" 6 \"integer yresolution\" 4 {film}\nWorldBegin LightSource \"infinite\"\n{squares}"
+        );
+        let file = folder.write("squares.pbrt", &text);
+        let plane = exposed(shot(&format!("[scene]\nfile = \"{file}\"\n[render]\nspp = 4\ndenoise = \"off\"")));
+        let size = [plane.width(), plane.height()];
+        (
+            size,
+            (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| (x, y))).map(|(x, y)| plane.truth.id().pixel(x, y)[0]).collect(),
+        )
+    };
+    // The film of six metres by four at nine metres: a tangent of 2/9 along the shorter side.
+    let fov = 2.0 * (2.0f64 / 9.0).atan().to_degrees();
+    let cameras = [
+        format!("Camera \"perspective\" \"float fov\" {fov}"),
+        format!("Camera \"perspective\" \"float fov\" {fov} \"float lensradius\" 0.2 \"float focaldistance\" 9"),
+        "Camera \"orthographic\" \"float screenwindow\" [-3 3 -2 2]".to_owned(),
+    ];
+    for camera in &cameras {
+        let (size, all): ([usize; 2], Vec<u32>) = ids(camera, "");
+        let mut distinct = all.clone();
+        distinct.sort_unstable();
+        distinct.dedup();
+        assert!(size == [6, 4] && distinct.len() == 24 && !distinct.contains(&0), "{camera}: {all:?}");
+        let part = |x: std::ops::Range<usize>, y: std::ops::Range<usize>| -> Vec<u32> {
+            y.flat_map(|y| x.clone().map(move |x| (x, y))).map(|(x, y)| all[6 * y + x]).collect()
+        };
+        assert_eq!(ids(camera, "\"integer pixelbounds\" [1 4 2 4]"), ([3, 2], part(1..4, 2..4)), "{camera}");
+        assert_eq!(ids(camera, "\"float cropwindow\" [0.5 1 0 0.3]"), ([3, 2], part(3..6, 0..2)), "{camera}");
+    }
+    // The same by the window of the screen: its rightmost and lowest quarter, as large as the film.
+    let of_window = |camera: &str, [l, r, b, t]: [f64; 4]| {
+        let (_, seen) = ids(&format!("{camera} \"float screenwindow\" [{l} {r} {b} {t}]"), "");
+        let seen: Vec<u32> = seen;
+        seen
+    };
+    let all = ids(&cameras[0], "").1;
+    let quarter: Vec<u32> = (0..24).map(|k| all[6 * (2 + k / 12) + 3 + k % 6 / 2]).collect();
+    assert_eq!(of_window(&cameras[0], [0.0, 1.5, -1.0, 0.0]), quarter);
+    assert_eq!(of_window("Camera \"orthographic\"", [0.0, 3.0, -2.0, 0.0]), quarter);
+    // What the shot says of the shift counts, and a camera that stands elsewhere has none.
+    let file = folder.write(
+        "squares.pbrt",
+        &format!("{} \"float screenwindow\" [0 1.5 -1 0]\nWorldBegin LightSource \"infinite\"\n{squares}", cameras[0]),
+    );
+    let center = |more: &str| shot(&format!("[scene]\nfile = \"{file}\"\n{more}")).camera.film.center_mm;
+    let [x, y] = center("[camera]\nformat = \"36x24\"");
+    assert!((x - 18.0).abs() < 1e-9 && (y + 12.0).abs() < 1e-9, "{x} {y}");
+    assert_eq!(center("[camera]\nshift_mm = [1.0, 2.0]"), [1.0, 2.0]);
+    assert_eq!(center("[camera]\nlook_from = [0.0, 0.0, 0.0]\nlook_at = [0.0, 0.0, -9.0]"), [0.0; 2]);
+}
+
+#[test]
 fn parallel_and_panoramic_cameras_see_what_they_should() {
     let folder = Folder::new("projections");
     let box_ = "Material \"diffuse\" Shape \"trianglemesh\" \"point3 P\" [-1 -1 9  1 -1 9  0 1 9]";

@@ -90,7 +90,7 @@ exact_enum!(CurveKind { Flat, Cylinder, Ribbon });
 exact_enum!(CurveBasis { Bezier, BSpline });
 exact_enum!(CameraProjection { Perspective { vertical_fov }, Orthographic { height }, Panorama, Table(table) });
 exact_struct!(LensTable { file, bytes, stop_mm, focus_m });
-exact_struct!(FilmHints { size, diagonal_mm, sensor, iso });
+exact_struct!(FilmHints { size, diagonal_mm, sensor, iso } or { shift: [0.0; 2] });
 
 /// Most pictures that are looked up for one value of a graph.
 const MOST_LOOKUPS: usize = 512;

@@ -187,7 +187,13 @@ fn unsayable() -> Description {
         world_from_camera: Affine3A::from_rotation_translation(glam::Quat::from_rotation_y(0.2), Vec3::new(0.1, 0.5, 4.0)),
         sight,
         lens: Some([0.01, 2.0]),
-        film: FilmHints { size: Some([30, 20]), diagonal_mm: Some(43.3), sensor: Some("canon".into()), iso: None },
+        film: FilmHints {
+            size: Some([30, 20]),
+            diagonal_mm: Some(43.3),
+            sensor: Some("canon".into()),
+            iso: None,
+            shift: [0.25, -0.5],
+        },
         node: None,
     };
     let ball = |x: f32| Shape::Sphere(Sphere { center: Vec3::new(x, 0.3, 0.0), radius: 0.31 });

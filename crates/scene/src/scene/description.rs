@@ -335,6 +335,9 @@ pub struct FilmHints {
     pub sensor: Option<String>,
     /// ISO speed.
     pub iso: Option<f64>,
+    /// How far the middle of the picture lies beside the axis of the camera, to the right and up as the picture shows it, in heights of the picture: of a lens that is
+    /// shifted, or of a picture that is a piece of a larger one.
+    pub shift: [f64; 2],
 }
 
 /// Meshes as they were before heights moved their points, to be displaced anew.

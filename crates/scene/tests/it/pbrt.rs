@@ -87,8 +87,14 @@ fn what_pbrt_does_not_know_is_an_error_or_told() {
         "{HEAD}WorldBegin ActiveTransform EndTime Translate 1 0 0 LightSource \"point\" ActiveTransform All Shape \"sphere\""
     ));
     assert!(told.contains("a light that moves"), "{told}");
-    let crop = HEAD.replace("\"rgb\"", "\"rgb\" \"float cropwindow\" [0 1 0 1]");
-    assert!(!warned(&format!("{crop}{ball}")).contains("cropped"));
+    for (crop, told) in [
+        ("\"float cropwindow\" [0.5 0.5 0 1]", "with pixels between them"),
+        ("\"float cropwindow\" [0 1]", "left, right, top, bottom"),
+        ("\"integer pixelbounds\" [100 200 0 9]", "with pixels between them"),
+    ] {
+        let found = error(&format!("{}{ball}", HEAD.replace("\"rgb\"", &format!("\"rgb\" {crop}"))));
+        assert!(found.contains(told), "{crop}: {found}");
+    }
 }
 
 #[test]

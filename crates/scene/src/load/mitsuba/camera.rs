@@ -22,8 +22,27 @@ pub fn add(context: &mut Context, node: &Node) -> Result<(), SceneError> {
             false => Err(wrong(node, format!("{name} {n}"), "1 to 65535")),
         }
     };
-    let size = [side("width", 768.0)?, side("height", 576.0)?];
-    let aspect = size[0] as f64 / size[1] as f64;
+    let full = [side("width", 768.0)?, side("height", 576.0)?];
+    let aspect = full[0] as f64 / full[1] as f64;
+    // Columns and rows of the picture, and how many of the film are left of and above it. Source: Mitsuba 3, `Film::set_crop_window`.
+    let crop = |name: &str, default: usize| film.map_or(Ok(default as f64), |f| number(f, name, default as f64));
+    let [size, corner] = [[("crop_width", full[0]), ("crop_height", full[1])], [("crop_offset_x", 0), ("crop_offset_y", 0)]];
+    let [columns, rows] = size.map(|(name, default)| crop(name, default));
+    let [left, top] = corner.map(|(name, default)| crop(name, default));
+    let [columns, rows, left, top] = [columns?, rows?, left?, top?];
+    if !(columns >= 1.0
+        && rows >= 1.0
+        && left >= 0.0
+        && top >= 0.0
+        && left + columns <= full[0] as f64
+        && top + rows <= full[1] as f64)
+    {
+        let found = format!("a crop of {columns} x {rows} pixels from {left}, {top} on");
+        return Err(wrong(node, found, format!("pixels of the film, {} x {}", full[0], full[1])));
+    }
+    let size = [columns as usize, rows as usize];
+    // Of the film that is in the picture.
+    let part = rows / full[1] as f64;
     let place = transform(node, "to_world")?;
     let sight = match node.kind() {
         "perspective" | "thinlens" => {
@@ -65,7 +84,7 @@ pub fn add(context: &mut Context, node: &Node) -> Result<(), SceneError> {
                 }
                 other => return Err(wrong(node, format!("fov_axis \"{other}\""), "x, y, diagonal, smaller or larger")),
             };
-            CameraProjection::Perspective { vertical_fov: (2.0 * half_height.atan()) as f32 }
+            CameraProjection::Perspective { vertical_fov: (2.0 * (part * half_height).atan()) as f32 }
         }
         "orthographic" if (place.x_axis.truncate().length() / place.y_axis.truncate().length() - 1.0).abs() > 1e-3 => {
             let [x, y] = [place.x_axis, place.y_axis].map(|axis| axis.truncate().length());
@@ -75,17 +94,25 @@ pub fn add(context: &mut Context, node: &Node) -> Result<(), SceneError> {
                 "one scale: pixels are square",
             ));
         }
-        "orthographic" => CameraProjection::Orthographic { height: (2.0 * place.y_axis.truncate().length() / aspect) as f32 },
+        "orthographic" => {
+            CameraProjection::Orthographic { height: (2.0 * part * place.y_axis.truncate().length() / aspect) as f32 }
+        }
         other => {
             node.leave_out();
             context.skip_unsupported(format!("sensor \"{other}\""));
             return Ok(());
         }
     };
-    for name in ["principal_point_offset_x", "principal_point_offset_y"] {
-        if number(node, name, 0.0)? != 0.0 {
-            context.skip_unsupported("shifts of the principal point");
-        }
+    // A pixel shows what one that lies so far to the right and below would show, in parts of the film.
+    let offset = match node.kind() {
+        "perspective" => [number(node, "principal_point_offset_x", 0.0)?, number(node, "principal_point_offset_y", 0.0)?],
+        _ => [0.0; 2],
+    };
+    let [w, h] = full.map(|n| n as f64);
+    let shift =
+        [left + 0.5 * (columns - w) + offset[0] * w, -(top + 0.5 * (rows - h) + offset[1] * h)].map(|pixels| pixels / rows);
+    if !shift.iter().all(|s| s.is_finite()) {
+        return Err(wrong(node, format!("principal_point_offset {offset:?}"), "parts of the film"));
     }
     if let Some(medium) = context.nested(node, "medium", None)? {
         // Where the sensor stands is found from what is around it.
@@ -94,9 +121,6 @@ pub fn add(context: &mut Context, node: &Node) -> Result<(), SceneError> {
     }
     if place.determinant() < 0.0 {
         context.skip_unsupported("the mirroring of a sensor");
-    }
-    if film.is_some_and(|f| f.children.iter().any(|c| c.get("name").is_some_and(|name| name.starts_with("crop_")))) {
-        context.skip_unsupported("crops of the film");
     }
     let lens = match node.kind() {
         "thinlens" => {
@@ -122,7 +146,7 @@ pub fn add(context: &mut Context, node: &Node) -> Result<(), SceneError> {
         world_from_camera: affine(DMat4::from_cols(unit(m.x_axis), unit(m.y_axis), unit(m.z_axis), m.w_axis)),
         sight,
         lens,
-        film: FilmHints { size: (size[0] * size[1] <= 100_000_000).then_some(size), ..FilmHints::default() },
+        film: FilmHints { size: (size[0] * size[1] <= 100_000_000).then_some(size), shift, ..FilmHints::default() },
         node: None,
     });
     Ok(())

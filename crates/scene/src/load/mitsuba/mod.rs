@@ -411,14 +411,40 @@ mod tests {
     }
 
     #[test]
+    fn crops_and_principal_points_shift_the_picture() {
+        let camera = |sensor: &str, film: &str| {
+            let numbers = "<float name='fov' value='90'/><string name='fov_axis' value='y'/>";
+            let film = format!(
+                "<film type='hdrfilm'><integer name='width' value='40'/><integer name='height' value='20'/>{film}</film>"
+            );
+            read(&format!("<shape type='sphere'/><sensor type='perspective'>{numbers}{sensor}{film}</sensor>")).map(|d| {
+                (d.cameras[0].film.size.unwrap(), d.cameras[0].vertical_fov().unwrap(), d.cameras[0].film.shift, d.warnings.len())
+            })
+        };
+        let crop = |x: u32, y: u32, w: u32, h: u32| {
+            [("crop_offset_x", x), ("crop_offset_y", y), ("crop_width", w), ("crop_height", h)]
+                .map(|(name, n)| format!("<integer name='{name}' value='{n}'/>"))
+                .concat()
+        };
+        let right_angle = std::f32::consts::FRAC_PI_2;
+        assert_eq!(camera("", "").unwrap(), ([40, 20], right_angle, [0.0, -0.0], 0));
+        // The last five columns and the second half of the rows: 17.5 pixels to the right of the middle, 5 below it.
+        let (size, fov, shift, warnings) = camera("", &crop(35, 10, 5, 10)).unwrap();
+        assert!(size == [5, 10] && warnings == 0 && (fov - 2.0 * 0.5f32.atan()).abs() < 1e-6, "{size:?} {fov}");
+        assert_eq!(shift, [1.75, -0.5]);
+        // Mitsuba 3.9.1 shows at a principal point offset of (0.25, 0.1) what lay a quarter of the width to the right and a tenth of the height below.
+        let offsets = "<float name='principal_point_offset_x' value='0.25'/><float name='principal_point_offset_y' value='0.1'/>";
+        let (_, fov, shift, warnings) = camera(offsets, "").unwrap();
+        assert!(fov == right_angle && warnings == 0 && shift[0] == 0.5 && (shift[1] + 0.1).abs() < 1e-9, "{shift:?}");
+        assert!(camera("", &crop(36, 10, 5, 10)).unwrap_err().to_string().contains("5 x 10 pixels from 36, 10 on"));
+    }
+
+    #[test]
     fn what_differs_from_the_file_is_said() {
         let said = |body: &str| read(body).unwrap().warnings.join("; ");
         let ball = "<shape type='sphere'/>";
         let sensor = |inner: &str| format!("{ball}<sensor type='perspective'><float name='fov' value='40'/>{inner}</sensor>");
         assert!(said(&sensor("<medium type='homogeneous'/>")).contains("medium around a sensor"));
-        assert!(
-            said(&sensor("<film type='hdrfilm'><integer name='crop_width' value='10'/></film>")).contains("crops of the film")
-        );
         assert!(said(&sensor("<transform name='to_world'><scale x='-1'/></transform>")).contains("mirroring of a sensor"));
         let two = "<shape type='sphere'><bsdf type='twosided'><bsdf type='diffuse'/><bsdf type='conductor'/></bsdf></shape>";
         assert!(said(two).contains("back of twosided"));

@@ -11,9 +11,61 @@ const MOST_PIXELS: usize = 100_000_000;
 /// Most pixels a side.
 const LARGEST_SIDE: i64 = 65_535;
 
-/// The size of a `Film` in pixels, its diagonal in mm and what its sensor says. Fails where its type is not known, a side is below 1 or too large, or the diagonal is not
-/// 0.1 to 2000 mm.
-pub fn film(context: &mut Context, p: &Params, kind: &str) -> Result<FilmHints, Fault> {
+/// Pixels of a film, and those of them that are in the picture.
+#[derive(Clone, Copy)]
+pub struct Pixels {
+    full: [i64; 2],
+    /// Left, right (not any more), top, bottom (not any more).
+    bounds: [i64; 4],
+}
+
+impl Pixels {
+    /// Columns and rows of the picture.
+    fn size(self) -> [i64; 2] {
+        let [left, right, top, bottom] = self.bounds;
+        [right - left, bottom - top]
+    }
+
+    /// How far the middle of the picture lies from that of the film, to the right and up, pixels.
+    fn middle(self) -> [f64; 2] {
+        let ([left, right, top, bottom], [w, h]) = (self.bounds, self.full);
+        [0.5 * (left + right - w) as f64, 0.5 * (h - top - bottom) as f64]
+    }
+
+    /// All of a film but what its crop leaves out. Source: pbrt-v4, `FilmBaseParameters`: of `cropwindow` both ends are rounded up. Fails where nothing is left.
+    fn read(context: &mut Context, p: &Params, full: [i64; 2]) -> Result<Pixels, Fault> {
+        let [w, h] = full;
+        let wrong = |what: &str, found: &[f64]| {
+            p.place.fault(format!("{what} {found:?}"), "left, right, top, bottom, with pixels between them")
+        };
+        let (what, found, bounds) = match (p.floats("cropwindow")?, p.integers("pixelbounds")?) {
+            (Some(window), other) => {
+                if other.is_some() {
+                    context.warn(p.place, "the film has a cropwindow and pixelbounds: the former counts");
+                }
+                let [left, right, top, bottom] = window[..] else { return Err(wrong("cropwindow", window)) };
+                let at = |part: f64, n: i64| (part.clamp(0.0, 1.0) * n as f64).ceil() as i64;
+                let bounds = [at(left.min(right), w), at(left.max(right), w), at(top.min(bottom), h), at(top.max(bottom), h)];
+                ("cropwindow", window, bounds)
+            }
+            (None, Some(bounds)) => {
+                let [left, right, top, bottom] = bounds[..] else { return Err(wrong("pixelbounds", bounds)) };
+                let at = |pixel: f64, n: i64| pixel.clamp(0.0, n as f64) as i64;
+                ("pixelbounds", bounds, [at(left, w), at(right, w), at(top, h), at(bottom, h)])
+            }
+            (None, None) => return Ok(Pixels { full, bounds: [0, w, 0, h] }),
+        };
+        let pixels = Pixels { full, bounds };
+        match pixels.size().iter().all(|n| *n > 0) {
+            true => Ok(pixels),
+            false => Err(wrong(what, found)),
+        }
+    }
+}
+
+/// The size of a `Film` in pixels, its diagonal in mm and what its sensor says, and which of its pixels are in the picture. Fails where its type is not known, a side is
+/// below 1 or too large, the diagonal is not 0.1 to 2000 mm or its crop leaves no pixel.
+pub fn film(context: &mut Context, p: &Params, kind: &str) -> Result<(FilmHints, Pixels), Fault> {
     if kind == "image" {
         context.warn(p.place, "film \"image\" is of pbrt-v3: its resolution is read");
     } else if !matches!(kind, "" | "rgb" | "gbuffer" | "spectral") {
@@ -22,12 +74,14 @@ pub fn film(context: &mut Context, p: &Params, kind: &str) -> Result<FilmHints, 
     let side = |name: &str, default: i64| {
         let n = p.integer(name, default)?;
         if (1..=LARGEST_SIDE).contains(&n) {
-            Ok(n as usize)
+            Ok(n)
         } else {
             Err(p.place.fault(format!("{name} {n}"), format!("1 to {LARGEST_SIDE}")))
         }
     };
-    let size = [side("xresolution", 1280)?, side("yresolution", 720)?];
+    let full = [side("xresolution", 1280)?, side("yresolution", 720)?];
+    let pixels = Pixels::read(context, p, full)?;
+    let size = pixels.size().map(|n| n as usize);
     let size = match size[0] * size[1] <= MOST_PIXELS {
         true => Some(size),
         false => {
@@ -38,10 +92,6 @@ pub fn film(context: &mut Context, p: &Params, kind: &str) -> Result<FilmHints, 
             None
         }
     };
-    let crop = p.floats("cropwindow")?.is_some_and(|c| c != [0.0, 1.0, 0.0, 1.0]);
-    if crop || p.get("pixelbounds").is_some() {
-        context.warn(p.place, "the film is cropped: all of it is shown");
-    }
     let diagonal = p.float("diagonal", 35.0)?;
     if !(0.1..=2000.0).contains(&diagonal) {
         return Err(p.place.fault(format!("a film diagonal of {diagonal}"), "0.1 to 2000 mm"));
@@ -57,19 +107,20 @@ pub fn film(context: &mut Context, p: &Params, kind: &str) -> Result<FilmHints, 
         None => None,
     };
     context.say_unused(p);
-    Ok(FilmHints { size, diagonal_mm: Some(diagonal), sensor, iso })
+    let length = |[w, h]: [i64; 2]| (w as f64).hypot(h as f64);
+    let diagonal_mm = Some(diagonal * length(pixels.size()) / length(full));
+    Ok((FilmHints { size, diagonal_mm, sensor, iso, ..FilmHints::default() }, pixels))
 }
 
-/// A `Camera` in the world, m. Fails where its type or a mapping is not known, an angle, aspect or length is out of range, its window is not about 0, or the file of its
-/// lens cannot be had.
+/// A `Camera` in the world, m. Fails where its type or a mapping is not known, an angle, aspect or length is out of range, or the file of its lens cannot be had.
 pub fn viewpoint(
     context: &mut Context,
     p: &Params,
     kind: &str,
     camera_from_world: DMat4,
-    film: FilmHints,
+    (mut film, pixels): (FilmHints, Pixels),
 ) -> Result<Viewpoint, Fault> {
-    let [w, h] = film.size.unwrap_or([3, 2]).map(|n| n as f64);
+    let [w, h] = pixels.full.map(|n| n as f64);
     let shutter = ["shutteropen", "shutterclose"].map(|name| p.get(name).is_some());
     if shutter != [false; 2] && p.float("shutteropen", 0.0)? != p.float("shutterclose", 1.0)? {
         context.warn(p.place, "its shutter is not taken: --shutter says how long the exposure is");
@@ -86,14 +137,22 @@ pub fn viewpoint(
         Some(other) => return Err(p.place.fault(format!("screenwindow {other:?}"), "left, right, bottom, top")),
     };
     let shape = (window[1] - window[0]) / (window[3] - window[2]);
-    if film.size.is_some() && (shape * h / w - 1.0).abs() > 1e-3 {
+    if (shape * h / w - 1.0).abs() > 1e-3 {
         let found = format!("a screen of {shape:.3} : 1 on a film of {w} x {h} pixels, which pbrt stretches");
         context.warn(p.place, format!("{found}: pixels are square here, and the height of the screen is shown"));
     }
-    let off_axis =
-        (window[0] + window[1]).abs() > 1e-6 * window[1].abs() || (window[2] + window[3]).abs() > 1e-6 * window[3].abs();
-    if off_axis {
-        return Err(p.place.fault("a screenwindow that is not centred", "one about 0: a camera's film lies behind its lens"));
+    // Height of the picture and where its middle lies, on the screen.
+    let pixel = (window[3] - window[2]) / h;
+    let height = pixel * pixels.size()[1] as f64;
+    let middle = pixels.middle();
+    // A lens of glass images the whole film, whatever the screen.
+    let on_screen =
+        if kind == "realistic" { [0.0; 2] } else { [window[0] + window[1], window[2] + window[3]].map(|sum| 0.5 * sum) };
+    let shift = [0, 1].map(|k| (on_screen[k] + pixel * middle[k]) / height);
+    if kind != "spherical" {
+        film.shift = shift.map(|s| if s.abs() > 1e-6 { s } else { 0.0 });
+    } else if pixels.size() != pixels.full {
+        context.warn(p.place, "the film of a spherical camera is cropped: all around is shown");
     }
     let (lens_radius, focus) = (p.float("lensradius", 0.0)?, p.float("focaldistance", 1e6)?);
     if !((0.0..=1e3).contains(&lens_radius) && focus > 0.0 && focus.is_finite()) {
@@ -108,13 +167,13 @@ pub fn viewpoint(
             if !(0.001..180.0).contains(&fov) {
                 return Err(p.place.fault(format!("fov {fov}"), "an angle from 0.001 to below 180 degrees"));
             }
-            CameraProjection::Perspective { vertical_fov: (2.0 * ((0.5 * fov).to_radians().tan() * window[3]).atan()) as f32 }
+            CameraProjection::Perspective { vertical_fov: (2.0 * ((0.5 * fov).to_radians().tan() * 0.5 * height).atan()) as f32 }
         }
         "orthographic" => {
             if lens_radius > 0.0 {
                 context.warn(p.place, "an orthographic camera with a lens: everything is sharp");
             }
-            CameraProjection::Orthographic { height: (2.0 * window[3] * world_from_camera.y_axis.truncate().length()) as f32 }
+            CameraProjection::Orthographic { height: (height * world_from_camera.y_axis.truncate().length()) as f32 }
         }
         "spherical" => {
             if p.text("mapping")? != Some("equirectangular") {

@@ -186,6 +186,11 @@ impl Params {
         self.numbers(name, &["float"])
     }
 
+    /// Whole numbers. Fails where they are of another type.
+    pub fn integers(&self, name: &str) -> Result<Option<&[f64]>, Fault> {
+        self.numbers(name, &["integer"])
+    }
+
     /// One number, the first of a list. Fails where it is of another type.
     pub fn float(&self, name: &str, default: f64) -> Result<f64, Fault> {
         Ok(self.floats(name)?.and_then(|n| n.first().copied()).unwrap_or(default))
@@ -193,7 +198,7 @@ impl Params {
 
     /// One whole number, the first of a list, its fraction cut off. Fails where it is of another type.
     pub fn integer(&self, name: &str, default: i64) -> Result<i64, Fault> {
-        Ok(self.numbers(name, &["integer"])?.and_then(|n| n.first().copied()).map_or(default, |n| n as i64))
+        Ok(self.integers(name)?.and_then(|n| n.first().copied()).map_or(default, |n| n as i64))
     }
 
     /// Whole numbers that count from 0 up, below 2^31; `None` where the parameter is not there. Fails where one is not such a number, or of another type.

@@ -31,7 +31,8 @@ pub fn add(world: &mut World, prim: &Prim, place: &Place) -> Result<(), SceneErr
         .try_fold(false, |any, name| Ok::<_, SceneError>(any | stage.value(prim, name)?.is_some()))?;
     let shutter = [number("shutter:open", 0.0)?, number("shutter:close", 0.0)?];
     let exposed = number("exposure", 0.0)? != 0.0;
-    let shifted = number("horizontalApertureOffset", 0.0)? != 0.0 || number("verticalApertureOffset", 0.0)? != 0.0;
+    // The frame lies so far to the right of the axis and above it (`UsdGeomCamera`, GfCamera's window), in the unit of the apertures.
+    let offset = [number("horizontalApertureOffset", 0.0)?, number("verticalApertureOffset", 0.0)?];
     // Many files mean millimetres whatever their unit is.
     let mm = world.unit_m * 100.0;
     let mm = if PLAUSIBLE_MM.contains(&(width * mm)) { mm } else { 1.0 };
@@ -46,9 +47,6 @@ pub fn add(world: &mut World, prim: &Prim, place: &Place) -> Result<(), SceneErr
         (true, false) => None,
         (false, _) => Some([0.0, 1.0]),
     };
-    if shifted {
-        world.skip_unsupported("shifts of the frame (aperture offsets) of cameras");
-    }
     if moves {
         world.skip_unsupported("changes of focal length, focus and f-stop");
     }
@@ -59,7 +57,8 @@ pub fn add(world: &mut World, prim: &Prim, place: &Place) -> Result<(), SceneErr
         world.skip_unsupported("exposures of cameras");
     }
     let size = size_of_aspect(width / height).filter(|_| says_aperture);
-    let film = FilmHints { size, diagonal_mm: Some((width * mm).hypot(height * mm)), ..FilmHints::default() };
+    let shift = offset.map(|o| o / height);
+    let film = FilmHints { size, diagonal_mm: Some((width * mm).hypot(height * mm)), shift, ..FilmHints::default() };
     let node = place.node.map(|_| world.node_at(place, prim.name()));
     world.apertures.push([width / focal, height / focal]);
     world.description.cameras.push(Viewpoint {
@@ -126,6 +125,7 @@ pub fn conform(world: &mut World) {
             CameraProjection::Orthographic { height: seen } => *seen *= (own[1] / height) as f32,
             _ => (),
         }
+        view.film.shift = view.film.shift.map(|shift| shift * height / own[1]);
         if let Some(diagonal) = &mut view.film.diagonal_mm {
             *diagonal *= own[0].hypot(own[1]) / width.hypot(*height);
         }

@@ -610,8 +610,16 @@ fn pictures_fit_apertures_by_the_policy_of_their_settings() {
     // Wider than the aperture.
     let (fov, ..) = view("int2 resolution = (400, 100)", camera);
     assert!((fov - 2.0 * 0.1f64.atan()).abs() < 1e-6, "{fov}");
-    let (_, _, warnings) = view("", &camera.replace("float focal", "float horizontalApertureOffset = 5\nfloat focal"));
-    assert!(warnings.contains("aperture offsets"), "{warnings}");
+    // The frame a quarter of its width to the right and a tenth of its height below, whatever it is then made to be.
+    let offsets = "float horizontalApertureOffset = 5\nfloat verticalApertureOffset = -1\nfloat focal";
+    for (settings, shift) in [("", [0.5, -0.1]), ("int2 resolution = (64, 64)", [0.25, -0.05])] {
+        let d = read(&format!(
+            "{}\ndef RenderSettings \"s\" {{ {settings} }}\ndef Mesh \"m\" {{ {QUAD} }}",
+            camera.replace("float focal", offsets)
+        ));
+        assert!((0..2).all(|k| (d.cameras[0].film.shift[k] - shift[k]).abs() < 1e-9), "{:?}", d.cameras[0].film.shift);
+        assert!(d.warnings.is_empty(), "{:?}", d.warnings);
+    }
 }
 
 #[test]
