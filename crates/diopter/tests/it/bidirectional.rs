@@ -5,9 +5,9 @@ use diopter::lens::{Lens, Pinhole};
 use diopter::light::Spectrum;
 use diopter::light::units::Millimeters;
 use diopter::scene::light::{Punctual, PunctualKind};
-use diopter::scene::material::{Material, Scattering};
+use diopter::scene::material::{Coverage, Material, Scattering};
 use diopter::scene::shape::Quad;
-use diopter::scene::texture::Color;
+use diopter::scene::texture::{Color, Scalar};
 use diopter::scene::{Description, Object, Scene, Shape};
 use diopter::{
     Camera, CameraMotion, Film, Integrator, Response, Settings, Shutter, camera::look_at, expose, expose::ProgressReporter,
@@ -120,6 +120,33 @@ fn the_claimed_variance_is_that_between_seeds() {
     println!("claimed over seen {}", claimed / seen);
     // 216 pixels of 30 seeds: 5 % of each.
     assert!((claimed / seen - 1.0).abs() < 0.1, "{claimed} {seen}");
+}
+
+#[test]
+fn a_curtain_lets_its_part_of_the_sun_through() {
+    let (scene, camera) = sunlit_room(24, 16);
+    let light = |curtain: bool, integrator: Integrator, spp: u32| {
+        let mut d = scene.description().clone();
+        if curtain {
+            let black = Material::new("curtain", Scattering::Diffuse(Color::rgb(0.0, 0.0, 0.0)));
+            d.materials.push(Material { coverage: Coverage::Blend(Scalar::Constant(0.6)), ..black });
+            d.objects.push(quad(
+                "curtain",
+                [-5.0, 3.0, -5.0],
+                [[10.0, 0.0, 0.0], [0.0, 0.0, 10.0]],
+                d.materials.len() as u32 - 1,
+            ));
+        }
+        let plane = take(&Scene::build(d).unwrap(), &camera, &settings(integrator, spp, 7));
+        plane.mean.data.iter().map(|v| f64::from(*v)).sum::<f64>()
+    };
+    // Light paths that a curtain stopped were asked a second time, which let 0.4 + 0.6 · 0.4 through.
+    let through = light(true, Integrator::Bidirectional, 256) / light(false, Integrator::Bidirectional, 256);
+    println!("{through}");
+    assert!((through / 0.4 - 1.0).abs() < 0.06, "{through}");
+    let by_paths = light(true, Integrator::Path, 512) / light(true, Integrator::Bidirectional, 256);
+    println!("{by_paths}");
+    assert!((by_paths - 1.0).abs() < 0.1, "{by_paths}");
 }
 
 #[test]

@@ -510,7 +510,11 @@ impl<'a> Connections<'a> {
         most: u32,
     ) -> Option<EntrySegment> {
         let scene = self.scene;
-        let ray = Ray { origin: start.point, direction: start.direction, time_s: 0.0 };
+        let mut ray = Ray { origin: start.point, direction: start.direction, time_s: 0.0 };
+        // Layers on each other are told apart from near only. What lets light through by chance is asked once: the answer depends on where a ray begins.
+        if let Some(t) = scene.nearest_that_may_be_met(&ray) {
+            ray.origin = ray.at(0.999 * t);
+        }
         let mut way = EntrySegment { ray, medium_stack: MediumStack::default(), passed: SampledSpectrum::ONE, count: 0 };
         while way.count < most {
             let surface = scene.intersect(&way.ray, f32::INFINITY)?;
@@ -525,11 +529,7 @@ impl<'a> Connections<'a> {
                 }
                 false => None,
             };
-            let Some(through) = straight else {
-                // Layers on each other are told apart from near only.
-                way.ray.origin = way.ray.at(0.999 * surface.t);
-                break;
-            };
+            let Some(through) = straight else { break };
             way.passed *= through;
             way.medium_stack.cross(scene, surface.object, surface.ng.dot(start.direction) < 0.0);
             way.ray.origin = origin_behind(&surface, start.direction);

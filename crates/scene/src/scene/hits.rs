@@ -25,6 +25,14 @@ impl Scene {
         Some(self.surface(ray, &hit?))
     }
 
+    /// Distance along a ray of the nearest surface that it may meet, m: blended ones count wherever they are not entirely clear. `None` where there is none, and where
+    /// things move.
+    pub(crate) fn nearest_that_may_be_met(&self, ray: &Ray) -> Option<f32> {
+        let filter = TopFilter { scene: self, ray, blends_block: true };
+        let hit = self.built.top.closest(ray.origin, ray.direction, f32::INFINITY, &filter);
+        hit.filter(|_| self.posed.animated.is_empty()).map(|hit| hit.t)
+    }
+
     /// Whether any surface is met before `t_max` (m), glass included.
     #[inline]
     pub fn occluded(&self, ray: &Ray, t_max: f32) -> bool {
