@@ -7,6 +7,7 @@ use super::microfacet::{Ggx, SMOOTH, fresnel_conductor, reflect};
 use super::polarization::{Event, InPlane, conductor, s_axis};
 use crate::shape::Surface;
 use crate::texture::{Color, Scalar};
+use diopter_light::color::srgb_of_light;
 use diopter_light::spectrum::Table;
 use diopter_light::{SampledSpectrum, SampledWavelengths, Spectrum};
 use glam::Vec3;
@@ -77,14 +78,8 @@ impl Conductor {
         let column = 1 + 2 * Self::METALS.iter().position(|m| *m == name)?;
         let (_, rows) = diopter_light::cie::tables::read_csv(METALS_CSV);
         let curve = |c: usize| Spectrum::Table(Table::new(380.0, 5.0, rows.iter().map(|r| r[c] as f32).collect()));
-        Some(Conductor {
-            n: curve(column),
-            k: curve(column + 1),
-            alpha: Scalar::Constant(alpha),
-            across: None,
-            bounces: FacetBounces::Compensated,
-            tint: None,
-        })
+        let [n, k] = with_color(curve(column), curve(column + 1));
+        Some(Conductor { n, k, alpha: Scalar::Constant(alpha), across: None, bounces: FacetBounces::Compensated, tint: None })
     }
 
     pub(super) fn at(&self, surface: &Surface, wavelengths: &SampledWavelengths) -> ConductorLobe {
@@ -101,6 +96,31 @@ impl Conductor {
         let tint = self.tint.as_ref().map_or(Vec3::ONE, |tint| tint.constant_rgb().unwrap_or(Vec3::ONE));
         fresnel_conductor(1.0, self.n.sample(&rgb), self.k.sample(&rgb)).truncate() * tint
     }
+}
+
+/// Measured n(λ) and k(λ) of a metal with numbers for red, green and blue of the colour that they give it in daylight (D65), seen straight on; three single wavelengths make copper
+/// 7 % too dark in red. What is no pair of tables is as it was.
+pub(crate) fn with_color(n: Spectrum, k: Spectrum) -> [Spectrum; 2] {
+    /// Beyond it k grows without bound; gold's red lies outside sRGB.
+    const MOST: f32 = 0.999;
+    let (Spectrum::Table(n_table), Spectrum::Table(k_table)) = (&n, &k) else { return [n, k] };
+    let Some(daylight) = diopter_light::cie::illuminant("D65") else { return [n, k] };
+    let reflectance =
+        |nm: f32| fresnel_conductor(1.0, SampledSpectrum::splat(n_table.at(nm)), SampledSpectrum::splat(k_table.at(nm))).x;
+    let color = srgb_of_light(|nm| daylight.at(nm) * reflectance(nm)) / srgb_of_light(|nm| daylight.at(nm));
+    // n of the wavelength that stands for each, and the k with which it reflects so much; where none does, what has no k.
+    let n_rgb = n.sample(&SampledWavelengths::rgb()).truncate();
+    let mut rgb = [Vec3::ZERO; 2];
+    for c in 0..3 {
+        let (r, n) = (color[c].clamp(0.0, MOST), n_rgb[c]);
+        let k_squared = (r * (n + 1.0).powi(2) - (n - 1.0).powi(2)) / (1.0 - r);
+        (rgb[0][c], rgb[1][c]) = match k_squared >= 0.0 {
+            true => (n, k_squared.sqrt()),
+            false => ((1.0 + r.sqrt()) / (1.0 - r.sqrt()), 0.0),
+        };
+    }
+    let of = |table: &Table, rgb: Vec3| Spectrum::TableOfRgb { table: table.clone(), rgb };
+    [of(n_table, rgb[0]), of(k_table, rgb[1])]
 }
 
 #[derive(Clone)]
@@ -163,8 +183,7 @@ impl ConductorLobe {
     pub(super) fn sample(&self, wo: Vec3, u: [f32; 4]) -> Option<LocalScatter> {
         if self.facets.is_smooth() {
             let wi = Vec3::new(-wo.x, -wo.y, wo.z);
-            let weight = fresnel_conductor(wo.z, self.n, self.k);
-            return Some(LocalScatter { wi, weight, pdf: 1.0, specular: true, disperses: false });
+            return Some(LocalScatter { wi, weight: self.normal(wo.z), pdf: 1.0, specular: true, disperses: false });
         }
         let h = self.facets.sample_visible(wo, [u[0], u[1]]);
         let wi = reflect(wo, h);
@@ -196,6 +215,32 @@ mod tests {
         assert!(steel.min_element() > 0.5 && steel.max_element() < 0.72, "{steel}");
         assert!(Conductor::METALS.iter().all(|m| Conductor::metal(m, 0.0).unwrap().normal_reflectance().min_element() > 0.3));
         assert!(Conductor::metal("unobtainium", 0.0).is_none());
+    }
+
+    #[test]
+    fn metals_have_their_color_in_red_green_and_blue() {
+        // Mitsuba 3.9.1 by spectra: copper under an even sky of D65.
+        let copper = Conductor::metal("copper", 0.0).unwrap().normal_reflectance();
+        assert!((copper - Vec3::new(0.955, 0.638, 0.538)).abs().max_element() < 0.02, "{copper}");
+        // What absorbs nothing and reflects less than its n says.
+        let glass = |n: f32| Spectrum::Table(Table::new(400.0, 300.0, vec![n, n]));
+        let [n, k] = with_color(glass(1.5), glass(0.0)).map(|s| s.sample(&SampledWavelengths::rgb()).truncate());
+        assert!((n - 1.5).abs().max_element() < 1e-3 && k.max_element() < 0.02, "{n} {k}");
+    }
+
+    #[test]
+    fn smooth_and_rough_metals_have_the_same_tint() {
+        let tint = SampledSpectrum::new(0.2, 0.5, 0.7, 0.0);
+        let [n, k] = [0.2, 3.0].map(SampledSpectrum::splat);
+        let wo = Vec3::new(0.3, 0.1, 0.9).normalize();
+        for alpha in [0.0, 0.02] {
+            let weight = |tint| {
+                let lobe = ConductorLobe { n, k, facets: Ggx::new(alpha, alpha), bounces: FacetBounces::Lost, tint };
+                lobe.sample(wo, [0.5, 0.5, 0.5, 0.5]).unwrap().weight
+            };
+            let ratio = weight(tint) / weight(SampledSpectrum::ONE);
+            assert!((ratio - tint).abs().max_element() < 1e-5, "{alpha}: {ratio}");
+        }
     }
     const CHECKED: u64 = 4960674038398548609;
 }

@@ -12,7 +12,7 @@ use super::values::{self, Shade, boolean, number, transform};
 use super::wrong;
 use crate::SceneError;
 use crate::load::stand_in;
-use crate::material::conductor::FacetBounces;
+use crate::material::conductor::{FacetBounces, with_color};
 use crate::material::{Anisotropy, Conductor, Coverage, DEEPEST_MIX, Hair, Pigment, Principled, Scattering, Transmission};
 use crate::texture::{Codes, Color, Graph, Interpolation, Mapping, Scalar, Texture, Wrap};
 use diopter_light::Spectrum;
@@ -483,7 +483,10 @@ impl Context<'_> {
             return Ok(of(Spectrum::Constant(1.0), Spectrum::Constant(200.0)));
         }
         match metals::of(name) {
-            Some([n, k]) => Ok(of(Spectrum::Table(n), Spectrum::Table(k))),
+            Some([n, k]) => {
+                let [n, k] = with_color(Spectrum::Table(n), Spectrum::Table(k));
+                Ok(of(n, k))
+            }
             None => {
                 let known = metals::names().collect::<Vec<_>>().join(", ");
                 Err(wrong(node, format!("material \"{name}\""), format!("eta and k, none, or one of {known}")))

@@ -6,7 +6,7 @@ use super::params::{Param, Params, Values};
 use super::spectra::{self, Use};
 use super::subsurface;
 use super::textures::Textures;
-use crate::material::conductor::FacetBounces;
+use crate::material::conductor::{FacetBounces, with_color};
 use crate::material::{
     Anisotropy, Bump, BumpUnit, CoatedConductor, Conductor, DEEPEST_MIX, Hair, Interior, Material, Pigment, Principled,
     Scattering, Transmission,
@@ -351,6 +351,7 @@ fn metal(context: &Context, p: &Params, prefix: &str) -> Result<(Spectrum, Spect
     let copper = |which: &str| spectra::named_or_nothing(&format!("metal-Cu-{which}"));
     let n = spectra::get(context, p, &eta, Use::Unbounded, copper("eta"))?;
     let k = spectra::get(context, p, &k, Use::Unbounded, copper("k"))?;
+    let [n, k] = with_color(n, k);
     Ok((n, k))
 }
 
