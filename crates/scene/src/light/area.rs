@@ -98,6 +98,14 @@ impl AreaLight {
         self.area
     }
 
+    /// Area along its normal, m²; nothing of a ball, which is closed.
+    pub fn area_vector(&self) -> Vec3 {
+        match &self.shape {
+            AreaShape::Triangle(q) | AreaShape::Parallelogram(q) => self.area * q.normal(),
+            AreaShape::Sphere(_) => Vec3::ZERO,
+        }
+    }
+
     /// What the light tree needs to know.
     pub fn bounds(&self) -> LightBounds {
         let power = self.area * self.luminance * PI * if self.two_sided { 2.0 } else { 1.0 };

@@ -22,6 +22,9 @@ use glam::Vec3;
 /// twelve.
 const SMALL_LAMP_SR: f32 = 0.5;
 
+/// Areas of a lamp along their normals whose sum is below so much of its surface close a body.
+const CLOSED: f32 = 0.05;
+
 /// Least distance from which a lamp is judged, in radii of the scene: light of a bulb's filament lands far from its glass.
 const LEAST_DISTANCE: f32 = 0.2;
 
@@ -111,7 +114,10 @@ impl<'a> PhotonEmission<'a> {
                 let mut numbers: Vec<u32> = scene.area_lights_of(object).collect();
                 numbers.dedup();
                 let at = |n: &u32| &lights.area[*n as usize];
-                let whole: f32 = numbers.iter().map(|n| at(n).area()).sum();
+                let surface: f32 = numbers.iter().map(|n| at(n).area()).sum();
+                // A convex closed body shows a quarter of its surface, on the mean of all directions (Cauchy 1832).
+                let is_closed = numbers.iter().map(|n| at(n).area_vector()).sum::<Vec3>().length() < CLOSED * surface;
+                let whole = if is_closed { 0.25 * surface } else { surface };
                 let distance = |light: &AreaLight| casters.distance(light.center()).max(LEAST_DISTANCE * around.1);
                 let seen = |light: &AreaLight| whole / distance(light).powi(2);
                 let small = !numbers.is_empty() && numbers.iter().all(|n| seen(at(n)) < SMALL_LAMP_SR);
