@@ -8,7 +8,7 @@
 //! the noise of the longest exposure: numbers are rounded up or down by chance, so that means stay what they are (non-subtractive dither, Lipshitz, Wannamaker &
 //! Vanderkooy 1992), and the noise profile says what that costs.
 
-use diopter_image::{Raster, RawImage};
+use diopter_image::{ExposureFacts, Raster, RawImage};
 use diopter_light::random::{mix, to_unit};
 
 /// Fraction of the range above which a pixel counts as full.
@@ -29,7 +29,7 @@ pub struct HdrError {
     pub expected: String,
 }
 
-/// Light on the film that a picture had beside another: time / T-stop², filter included.
+/// Light on the film that a picture had beside another: time / T-stop², filter included; of one that was merged of several, what its numbers stand for.
 fn light(raw: &RawImage) -> f64 {
     let f = &raw.header.facts;
     let stop = match (f.t_number > 0.0, f.f_number > 0.0) {
@@ -38,7 +38,7 @@ fn light(raw: &RawImage) -> f64 {
         _ => 1.0,
     };
     let time = f.shutter.as_ref().map_or(f.exposure_s, |s| s.effective_s);
-    time / (stop * stop) * (-f.nd_stops).exp2()
+    time / (stop * stop) * (-f.nd_stops).exp2() * f.merged_scale.unwrap_or(1.0)
 }
 
 /// Light that a picture's numbers stand for beside another's, by the electrons that saturate a pixel: those of its noise profile where all pictures have one, else by the ISO speed, which cameras keep to within a tenth or two.
@@ -47,7 +47,8 @@ fn exposures(raws: &[RawImage]) -> Vec<f64> {
     let of_noise = |raw: &RawImage| {
         let all = &raw.header.noise;
         let mean = all.iter().map(|noise| noise[0]).sum::<f64>() / all.len() as f64;
-        (mean > 0.0).then_some(mean)
+        // What is a mean of several has less noise than its electrons.
+        (mean > 0.0 && raw.header.facts.merged_scale.is_none()).then_some(mean)
     };
     let gains = if same_speed { None } else { raws.iter().map(of_noise).collect::<Option<Vec<f64>>>() };
     let gains = gains.unwrap_or_else(|| raws.iter().map(|raw| raw.header.facts.iso.max(1.0)).collect());
@@ -99,8 +100,35 @@ fn noise_of_mean(parts: impl Iterator<Item = (f32, [f32; 2])>) -> [f64; 2] {
     [shot.recip(), read.recip() + rounding]
 }
 
-/// Merges pictures of the same scene and camera that differ in exposure. Fails without a picture, where they differ in size, filters or body, where a flash was fired,
-/// and where an exposure is not known.
+/// What tells that a picture shows other things than the first of a series, or otherwise, and what was expected. Files of other programs say their distances coarsely.
+fn other_picture(facts: &ExposureFacts, first: &ExposureFacts) -> Option<(String, &'static str)> {
+    let name = |name: &str| if name.is_empty() { "none".to_owned() } else { format!("\"{name}\"") };
+    let known = |a: &str, b: &str| !a.is_empty() && !b.is_empty() && a != b;
+    let apart = |a: f64, b: f64, most: f64| a > 0.0 && b > 0.0 && (a / b).ln().abs() > most;
+    if known(&facts.scene, &first.scene) {
+        return Some((format!("it shows {}", name(&facts.scene)), "the scene of the first"));
+    }
+    if known(&facts.lens, &first.lens) {
+        return Some((format!("it was taken through {}", name(&facts.lens)), "the lens of the first"));
+    }
+    if apart(facts.focal_length_mm, first.focal_length_mm, 0.02) {
+        return Some((format!("its focal length is {:.1} mm", facts.focal_length_mm), "that of the first"));
+    }
+    if facts.photodiodes != first.photodiodes {
+        return Some((format!("it holds the photodiodes {}", name(&facts.photodiodes)), "those of the first"));
+    }
+    if facts.light_field != first.light_field {
+        return Some(("it has other microlenses".into(), "those of the first, or none"));
+    }
+    let [focus, first_focus] = [facts, first].map(|f| f.focus_distance_m.unwrap_or(f64::INFINITY));
+    let ours = !facts.scene.is_empty() && !first.scene.is_empty();
+    let elsewhere = focus != first_focus && (1.0 / focus - 1.0 / first_focus).abs() > 0.02 * (1.0 / focus).max(1.0 / first_focus);
+    (ours && elsewhere)
+        .then(|| (format!("it is focused at {focus:.3} m"), "the focus of the first; `diopter stack` joins a focus series"))
+}
+
+/// Merges pictures of the same scene and camera that differ in exposure. Fails without a picture, where they differ in size, filters, body, lens, focus, microlenses or photodiodes, where a
+/// flash was fired, and where an exposure is not known.
 pub fn merge(raws: &[RawImage]) -> Result<RawImage, HdrError> {
     let error = |k: usize, found: String, expected: &str| HdrError { number: k + 1, found, expected: expected.into() };
     let Some(first) = raws.first() else { return Err(error(0, "there is none".into(), "at least one picture")) };
@@ -112,6 +140,9 @@ pub fn merge(raws: &[RawImage]) -> Result<RawImage, HdrError> {
         }
         if raw.header.cfa != first.header.cfa || raw.header.facts.body != first.header.facts.body {
             return Err(error(k, format!("it was taken with \"{}\"", raw.header.facts.body), "the camera of the first"));
+        }
+        if let Some((what, expected)) = other_picture(&raw.header.facts, &first.header.facts) {
+            return Err(error(k, what, expected));
         }
         if raw.header.facts.flash {
             return Err(error(k, "a flash was fired".into(), "light that lasts: a flash gives as much at any exposure time"));
@@ -125,8 +156,13 @@ pub fn merge(raws: &[RawImage]) -> Result<RawImage, HdrError> {
     let mut order: Vec<(&RawImage, f64)> = raws.iter().zip(exposures.iter().copied()).collect();
     order.sort_by(|a, b| b.1.total_cmp(&a.1));
     let shortest = order[order.len() - 1].1;
-    let middle = order[order.len() / 2].0;
     let meant = meant_exposure(raws, &exposures);
+    // The exposure that is told is the one nearest to its brightness.
+    let off = |exposure: f64| (exposure / meant).ln().abs();
+    let (told, told_exposure) = order
+        .iter()
+        .rev()
+        .fold(order[order.len() - 1], |near, other| if off(other.1) < off(near.1) * (1.0 - 1e-9) { *other } else { near });
 
     let channels = first.header.cfa.channel_count();
     // Of each picture: factor on its signal, and noise (a signal + b) for each channel.
@@ -171,7 +207,8 @@ pub fn merge(raws: &[RawImage]) -> Result<RawImage, HdrError> {
         let chance = f64::from(to_unit(mix(mix(i as u32 ^ 0x51ab_3c17))));
         *to = (BLACK + f64::from(light) * (WHITE - BLACK) + chance).floor().clamp(0.0, WHITE) as u16;
     }
-    let mut header = middle.header.clone();
+    let mut header = told.header.clone();
+    header.facts.merged_scale = Some(told.header.facts.merged_scale.unwrap_or(1.0) * shortest / told_exposure);
     header.noise = (0..channels).map(|c| noise_of_mean(parts.iter().map(|(scale, noise)| (*scale, noise[c])))).collect();
     (header.bits, header.black_level, header.white_level) = (16, BLACK, WHITE);
     header.baseline_ev += (meant / shortest).log2();
@@ -182,7 +219,7 @@ pub fn merge(raws: &[RawImage]) -> Result<RawImage, HdrError> {
 mod tests {
     use super::*;
     use diopter_image::focal_plane::FocalPlane;
-    use diopter_image::{Cfa, ExposureFacts, RowTimes, ShutterFacts};
+    use diopter_image::{Cfa, RowTimes, ShutterFacts};
     use diopter_sensor::{Reading, Sensor, read_out};
 
     /// Even fields of a light (electrons a second in every channel), each twice as long as the one before.
@@ -270,6 +307,39 @@ mod tests {
                 }
                 assert!((brightened(&sensor, &raws) - expected).abs() < 1e-9, "{times:?} {pause_s}");
             }
+        }
+    }
+
+    #[test]
+    fn what_is_merged_once_more_is_the_same_light() {
+        let sensor = Sensor::named("nikon-d850").unwrap();
+        let times = [0.0025, 0.01, 0.04];
+        let raws = series(&sensor, 4e4, &times);
+        let once = merge(&raws).unwrap();
+        assert_eq!(once.header.facts.exposure_s, 0.01);
+        let light =
+            |raw: &RawImage| statistics(raw).0 / raw.header.facts.exposure_s / raw.header.facts.merged_scale.unwrap_or(1.0);
+        assert!((light(&once) / light(&raws[2]) - 1.0).abs() < 0.01, "{} {}", light(&once), light(&raws[2]));
+        for more in &raws {
+            let again = merge(&[once.clone(), more.clone()]).unwrap();
+            assert!((light(&again) / light(&once) - 1.0).abs() < 0.01, "{} {}", light(&again), light(&once));
+        }
+        let refused = |change: &dyn Fn(&mut ExposureFacts)| {
+            let mut raws = raws.clone();
+            raws.iter_mut().for_each(|raw| (raw.header.facts.scene, raw.header.facts.lens) = ("a".into(), "l".into()));
+            change(&mut raws[1].header.facts);
+            merge(&raws).err().map(|e| e.to_string())
+        };
+        assert_eq!(refused(&|_| ()), None);
+        for (told, change) in [
+            ("it shows \"b\"", &(|f: &mut ExposureFacts| f.scene = "b".into()) as &dyn Fn(&mut ExposureFacts)),
+            ("taken through \"m\"", &|f| f.lens = "m".into()),
+            ("`diopter stack`", &|f| f.focus_distance_m = Some(1.0)),
+            ("photodiodes \"left\"", &|f| f.photodiodes = "left".into()),
+            ("other microlenses", &|f| f.light_field = Some(Default::default())),
+        ] {
+            let found = refused(change).unwrap_or_default();
+            assert!(found.starts_with("picture 2") && found.contains(told), "{told}: {found}");
         }
     }
 

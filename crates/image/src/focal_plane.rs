@@ -117,7 +117,7 @@ impl FocalPlane {
 
     /// Joins exposures of different samples of the same picture, weighted by their numbers of samples.
     ///
-    /// Fails when sizes, bands, seeds or cameras differ, or when two parts hold the same samples.
+    /// Fails when sizes, bands, seeds, or facts of the picture ([`ExposureFacts::differences`]) differ, or when two parts hold the same samples.
     pub fn merge(parts: &[FocalPlane]) -> Result<FocalPlane, ImageError> {
         let mut merged = Merged::new(parts.iter().map(FocalPlane::strips).collect())?;
         let [_, height] = merged.size();
@@ -156,8 +156,9 @@ pub fn bytes_a_pixel(bands: usize) -> usize {
 
 /// Even and odd samples that a plane holds: those of the first half exposure, and of the second.
 fn halves_of(facts: &ExposureFacts) -> [f64; 2] {
-    let odd = facts.first_sample.saturating_add(facts.samples) / 2 - facts.first_sample / 2;
-    [f64::from(facts.samples - odd), f64::from(odd)]
+    let [odd, all] =
+        facts.ranges().iter().fold([0, 0], |[odd, all], [first, end]| [odd + end / 2 - first / 2, all + end - first]);
+    [f64::from(all - odd), f64::from(odd)]
 }
 
 /// What the mean and the half difference of a part count for in the half difference of the whole, by their numbers of even and odd samples: that is half of what the means of all even and of all odd samples differ by. Of
@@ -250,7 +251,7 @@ pub struct Merged<S> {
 }
 
 impl<S: FocalPlaneSource> Merged<S> {
-    /// Merges at least one part. Fails when sizes, bands, seeds or cameras differ, or when two parts hold the same samples.
+    /// Merges at least one part. Fails when sizes, bands, seeds, or facts of the picture ([`ExposureFacts::differences`]) differ, or when two parts hold the same samples.
     pub fn new(parts: Vec<S>) -> Result<Self, ImageError> {
         let mismatch = |what: String| Err(ImageError::Mismatch(what));
         let mut parts: Vec<(usize, S)> = parts.into_iter().enumerate().collect();
@@ -275,20 +276,31 @@ impl<S: FocalPlaneSource> Merged<S> {
             if a.facts().seed != b.facts().seed {
                 return mismatch(format!("seeds {} and {} differ", a.facts().seed, b.facts().seed));
             }
-            if a.facts().of_picture() != b.facts().of_picture() {
-                return mismatch("they were not taken with the same scene, camera and exposure".into());
+            let differences = a.facts().differences(b.facts());
+            if !differences.is_empty() {
+                return mismatch(format!("they are not of one picture: they differ in {}", differences.join(", ")));
             }
-            let end = a.facts().first_sample + a.facts().samples;
-            if b.facts().first_sample < end {
-                return mismatch(format!("samples {}..{end} are in two of them", b.facts().first_sample));
+        }
+        let mut ranges: Vec<[u32; 2]> =
+            parts.iter().flat_map(|p| p.facts().ranges()).filter(|[first, end]| first < end).collect();
+        ranges.sort_unstable();
+        let mut joined: Vec<[u32; 2]> = Vec::new();
+        for [first, end] in ranges {
+            match joined.last_mut() {
+                Some(last) if first < last[1] => {
+                    return mismatch(format!("samples {first}..{} are in two of them", end.min(last[1])));
+                }
+                Some(last) if first == last[1] => last[1] = end,
+                _ => joined.push([first, end]),
             }
         }
         let total: f64 = parts.iter().map(|p| f64::from(p.facts().samples)).sum();
         if total == 0.0 {
             return mismatch("they hold no samples".into());
         }
-        let facts =
-            ExposureFacts { first_sample: parts[0].facts().first_sample, samples: total as u32, ..parts[first].facts().clone() };
+        let first_sample = joined.first().map_or(0, |range| range[0]);
+        let sample_ranges = if joined.len() > 1 { joined } else { Vec::new() };
+        let facts = ExposureFacts { first_sample, samples: total as u32, sample_ranges, ..parts[first].facts().clone() };
         let mut recorded = parts.iter().fold(parts[first].recorded().clone(), |common, part| common.common(part.recorded()));
         recorded.samples = parts.iter().map(|p| p.recorded().samples).sum();
         Ok(Merged { parts, first, facts, recorded, total })
@@ -401,7 +413,15 @@ mod tests {
         b.facts.exposure_s = 0.02;
         assert!(FocalPlane::merge(&[a.clone(), b.clone()]).is_err());
         (b.facts.exposure_s, b.facts.scene) = (0.01, "garden".into());
-        assert!(FocalPlane::merge(&[a, b]).is_err());
+        let told = FocalPlane::merge(&[a.clone(), b.clone()]).unwrap_err().to_string();
+        assert!(told.contains("scene (\"room\" and \"garden\")"), "{told}");
+        // Where the camera stood, where both know it.
+        b.facts.scene = "room".into();
+        b.facts.settings_hash = "1".into();
+        assert!(FocalPlane::merge(&[a.clone(), b.clone()]).is_ok());
+        a.facts.settings_hash = "2".into();
+        let told = FocalPlane::merge(&[a, b]).unwrap_err().to_string();
+        assert!(told.contains("where the camera stands"), "{told}");
     }
 
     #[test]
@@ -476,6 +496,18 @@ mod tests {
             for (found, expected) in [(&merged.mean, &whole.mean), (&merged.half_difference, &whole.half_difference)] {
                 assert!((found.data[0] - expected.data[0]).abs() < 1e-5, "{cuts:?}: {} {}", found.data[0], expected.data[0]);
             }
+        }
+        // In two steps, with samples that are missing in between; none of them counts twice.
+        for [a, b] in [[5, 12], [4, 9], [3, 10]] {
+            let gap = FocalPlane::merge(&[plane(b, 16), plane(0, a)]).unwrap();
+            assert_eq!(gap.facts.ranges(), [[0, a], [b, 16]]);
+            let merged = FocalPlane::merge(&[gap.clone(), plane(a, b)]).unwrap();
+            assert_eq!((merged.facts.ranges(), merged.facts.samples), (vec![[0, 16]], 16));
+            for (found, expected) in [(&merged.mean, &whole.mean), (&merged.half_difference, &whole.half_difference)] {
+                assert!((found.data[0] - expected.data[0]).abs() < 1e-5, "{a} {b}: {} {}", found.data[0], expected.data[0]);
+            }
+            let twice = FocalPlane::merge(&[gap, plane(a, b + 1)]).unwrap_err().to_string();
+            assert!(twice.contains(&format!("samples {b}..{} are in two", b + 1)), "{twice}");
         }
         // One half alone.
         let odd = FocalPlane::merge(&[plane(1, 2), plane(3, 4)]).unwrap();

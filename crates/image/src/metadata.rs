@@ -86,6 +86,16 @@ pub struct ExposureFacts {
     pub first_sample: u32,
     /// Samples a pixel.
     pub samples: u32,
+    /// Which samples they are, first and first that is none of them, range by range, where others are missing in between; empty where `first_sample` says it all.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub sample_ranges: Vec<[u32; 2]>,
+    /// Stands for what decides the light beside these facts: where the camera stands, what of the scene was changed, how it is lit, how paths are followed. Empty when
+    /// not known.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub settings_hash: String,
+    /// Of a picture merged of several exposures: light that its numbers stand for, over that of the exposure that these facts tell. `None` of others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub merged_scale: Option<f64>,
     /// Whether the renderer's noise was reduced: the mean is then an estimate, no longer the truth within its variance.
     pub denoised: bool,
     /// Fraction of all light that re-weighting of outliers (fireflies) took away: the bias of the mean. `None` where every sample counts as it is.
@@ -132,8 +142,40 @@ impl ExposureFacts {
             bracket_ev: None,
             first_sample: 0,
             samples: 0,
+            sample_ranges: Vec::new(),
             ..self.clone()
         }
+    }
+
+    /// Which samples of each pixel it holds: first and first that is none of them, range by range.
+    pub fn ranges(&self) -> Vec<[u32; 2]> {
+        match self.sample_ranges.is_empty() {
+            true => vec![[self.first_sample, self.first_sample.saturating_add(self.samples)]],
+            false => self.sample_ranges.clone(),
+        }
+    }
+
+    /// Names of the facts in which the pictures of two exposures differ ([`ExposureFacts::of_picture`]), with both values. What one of them does not know is no
+    /// difference.
+    pub fn differences(&self, other: &ExposureFacts) -> Vec<String> {
+        let of = |facts: &ExposureFacts| match serde_json::to_value(facts.of_picture()) {
+            Ok(serde_json::Value::Object(object)) => object,
+            _ => serde_json::Map::new(),
+        };
+        let (a, b) = (of(self), of(other));
+        let mut names: Vec<&String> = a.keys().chain(b.keys()).collect();
+        names.sort_unstable();
+        names.dedup();
+        let none = serde_json::Value::Null;
+        let differs = |name: &String| {
+            let [a, b] = [&a, &b].map(|facts| facts.get(name).unwrap_or(&none));
+            match name == "settings_hash" {
+                true if a.is_null() || b.is_null() || a == b => None,
+                true => Some("where the camera stands, how the scene is lit or how paths are followed".to_owned()),
+                false => (a != b).then(|| format!("{} ({a} and {b})", name.replace('_', " "))),
+            }
+        };
+        names.into_iter().filter_map(differs).collect()
     }
 }
 

@@ -10,11 +10,16 @@ use diopter::develop::Recipe;
 use diopter::hdr;
 use diopter::image::RawImage;
 use diopter::image::focal_plane::{FocalPlaneSource, Merged};
+use std::path::PathBuf;
 
 /// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
     output::distinct(args.parts.iter().map(|p| p.as_path()), args.output.iter().map(|p| p.as_path()))?;
-    let raws = args.parts.iter().filter(|p| matches!(output::kind(p), Ok(Kind::Dng))).count();
+    // What comes on standard input is as the other files are.
+    let is_raw = |p: &PathBuf| matches!(output::kind(p), Ok(Kind::Dng));
+    let streams = args.parts.iter().filter(|p| p.as_os_str() == "-").count();
+    let raws = args.parts.iter().filter(|p| is_raw(p)).count();
+    let raws = if raws > 0 { raws + streams } else { 0 };
     if raws == args.parts.len() {
         return series(args, json);
     }
@@ -33,9 +38,14 @@ pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
     let mut whole = Merged::new(parts).map_err(|e| UsageError(e.into()))?;
     let path = output::write_strips(output, &mut whole)?;
     let facts = whole.facts();
-    let end = facts.first_sample + facts.samples;
+    let ranges = facts.ranges();
+    let end = ranges[ranges.len() - 1][1];
+    let missing = match ranges.len() > 1 {
+        true => format!(" ({})", ranges.iter().map(|[first, end]| format!("{first}..{end}")).collect::<Vec<_>>().join(", ")),
+        false => String::new(),
+    };
     let parts = if whole.parts() == 1 { "1 part".to_owned() } else { format!("{} parts", whole.parts()) };
-    say(&format!("{parts}, {} samples a pixel\nwrote {}", facts.samples, path.display()));
+    say(&format!("{parts}, {} samples a pixel{missing}\nwrote {}", facts.samples, path.display()));
     if json {
         print_json(&serde_json::json!({ "files": [path], "facts": facts, "samples": [facts.first_sample, end] }))?;
     }

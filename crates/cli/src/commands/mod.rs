@@ -76,13 +76,15 @@ fn read_plane(path: &Path) -> anyhow::Result<FocalPlane> {
 struct PlaneFile {
     name: String,
     strips: FocalPlaneStrips,
+    /// Rows that were read.
+    read: usize,
 }
 
 impl PlaneFile {
     fn open(path: &Path) -> anyhow::Result<Self> {
         let name = path.display().to_string();
         let strips = FocalPlaneStrips::open(open(path)?).with_context(|| name.clone())?;
-        Ok(PlaneFile { name, strips })
+        Ok(PlaneFile { name, strips, read: 0 })
     }
 }
 
@@ -109,11 +111,19 @@ impl FocalPlaneSource for PlaneFile {
 
     fn next_rows(&mut self, rows: usize) -> Result<FocalPlane, ImageError> {
         let name = &self.name;
-        self.strips.next_rows(rows).map_err(|e| match e {
+        let strip = self.strips.next_rows(rows).map_err(|e| match e {
             ImageError::Malformed { format, reason } => ImageError::Malformed { format, reason: format!("{name}: {reason}") },
             ImageError::Io(e) => ImageError::Io(std::io::Error::new(e.kind(), format!("{name}: {e}"))),
             other => other,
-        })
+        })?;
+        let (width, bands) = (strip.mean.width, strip.mean.channels);
+        if let Some(at) = strip.mean.data.iter().position(|v| !v.is_finite()) {
+            let (column, row) = (at / bands % width, self.read + at / bands / width);
+            let reason = format!("{name}: light {} at column {column}, row {row}; expected finite numbers", strip.mean.data[at]);
+            return Err(ImageError::Malformed { format: "EXR", reason });
+        }
+        self.read += strip.mean.height;
+        Ok(strip)
     }
 }
 

@@ -6,10 +6,45 @@ use crate::checkpoint::Fnv;
 use crate::expose::{Integrator, ProgressReporter, Settings, expose};
 use diopter_image::ExposureFacts;
 
+/// Takes the folders away from whatever may be a path.
+fn without_folders(value: &mut toml::Value) {
+    match value {
+        toml::Value::String(text) => {
+            if let Some(at) = text.rfind(['/', '\\']) {
+                *text = text.split_off(at + 1);
+            }
+        }
+        toml::Value::Array(all) => all.iter_mut().for_each(without_folders),
+        toml::Value::Table(all) => all.iter_mut().for_each(|(_, value)| without_folders(value)),
+        _ => (),
+    }
+}
+
 /// Pixels across the small exposure that stands for what the scene looks like.
 const COLUMNS: usize = 64;
 
+/// Settings of `[render]` that decide the light, not how much of its noise is left.
+const OF_LIGHT: [&str; 5] = ["max_depth", "sampler", "stray", "diffraction", "quick"];
+
 impl Shot {
+    /// Stands for what is set of scene, camera, shutter and flash, and how paths are followed, whether it was said or is the default ([`ExposureFacts::settings_hash`]). Files
+    /// count by their names, in whichever folder they lie.
+    pub(super) fn settings_hash(&self) -> String {
+        let mut file = self.file.clone();
+        self.write_resolved(&mut file);
+        file.camera.serial = None;
+        let all = toml::Table::try_from(&file).unwrap_or_default();
+        let mut hash = Fnv::new();
+        for section in ["scene", "camera", "shutter", "flash", "render"] {
+            let Some(toml::Value::Table(mut settings)) = all.get(section).cloned() else { continue };
+            settings.retain(|name, _| section != "render" || OF_LIGHT.contains(&name));
+            let mut value = toml::Value::Table(settings);
+            without_folders(&mut value);
+            format!("{section} {value}").bytes().for_each(|byte| hash.add(u64::from(byte)));
+        }
+        format!("{:016x}", hash.finish())
+    }
+
     /// What decides the light on the film, as text: shots that agree in it have the same focal plane, whatever their ISO speed, white balance, noise and
     /// development are. [`Shot::meter`] must have been called. The scene counts by its name.
     ///

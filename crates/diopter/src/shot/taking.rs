@@ -28,7 +28,8 @@ const DENOISED_FULL_COLOR_SPP: u32 = 12;
 impl Shot {
     /// Facts as known so far.
     pub fn facts(&self) -> ExposureFacts {
-        ExposureFacts { exposure_s: self.shutter.unwrap_or(0.0), iso: self.reading.iso, ..self.facts.clone() }
+        let settings_hash = self.settings_hash();
+        ExposureFacts { exposure_s: self.shutter.unwrap_or(0.0), iso: self.reading.iso, settings_hash, ..self.facts.clone() }
     }
 
     /// What the film records.
