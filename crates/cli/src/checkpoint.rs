@@ -41,10 +41,10 @@ pub struct Kept {
     ours: AtomicBool,
 }
 
-/// Exposes a shot that is metered; `output` is the file that the exposure is for. Goes on from its checkpoint if there is one.
-pub fn expose(shot: &Shot, taking: &Taking, output: Option<&Path>, what: &'static str) -> anyhow::Result<Taken> {
+/// Exposes a shot that is metered; `output` is the file that the exposure is for. Goes on from its checkpoint if there is one; `must`: fails where there is none.
+pub fn expose(shot: &Shot, taking: &Taking, output: Option<&Path>, what: &'static str, must: bool) -> anyhow::Result<Taken> {
     let kept = Kept::of(shot, taking, output, what)?;
-    let start = kept.start(shot, taking, |[width, height, numbers]| Ok(Raster::<f64>::new(width, height, numbers)))?;
+    let start = kept.start(shot, taking, must, |[width, height, numbers]| Ok(Raster::<f64>::new(width, height, numbers)))?;
     let mut writer = kept.writer(taking);
     let exposed = watched(what, |w| {
         let mut keep = |sums: &Sums| {
@@ -71,7 +71,7 @@ pub fn expose_rows<'a>(
         false => output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")),
     };
     let kept = Kept::of(shot, taking, Some(output), what)?;
-    let start = kept.start(shot, taking, |size| PagedRows::new(size, cache, folder))?;
+    let start = kept.start(shot, taking, taking.resume, |size| PagedRows::new(size, cache, folder))?;
     let mut writer = kept.writer(taking);
     // Samples of all pixels, those of a pass under way included, when it ended within one.
     let mut ended = None;
@@ -170,11 +170,12 @@ impl Kept {
         &self,
         shot: &Shot,
         taking: &Taking,
+        must: bool,
         rows: impl FnOnce([usize; 3]) -> std::io::Result<S>,
     ) -> anyhow::Result<Option<Sums<S>>> {
         match &self.file {
             Some(file) if !taking.no_resume => {
-                let sums = resumed(shot, file, self.identity, taking.resume, rows)?;
+                let sums = resumed(shot, file, self.identity, must, rows)?;
                 self.ours.store(sums.is_some(), Ordering::Relaxed);
                 Ok(sums)
             }
@@ -220,6 +221,11 @@ impl Taken {
     pub fn finish(&self) -> Option<String> {
         self.kept.finish(self.exposed.stopped, self.exposed.plane.facts.samples)
     }
+}
+
+/// Of the files that the pictures of a series are for: the first that has a checkpoint.
+pub fn first_kept(files: &[PathBuf]) -> Option<usize> {
+    files.iter().position(|file| beside(file).exists())
 }
 
 /// The name of a checkpoint: that of the output with an ending, cut where file systems do not take so many bytes.

@@ -40,7 +40,7 @@ pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
     let started = Instant::now();
     let (path, facts, size, bands, seconds, stopped) = match room {
         Room::Memory => {
-            let mut taken = checkpoint::expose(&shot, &args.taking, Some(&args.output), "exposing")?;
+            let mut taken = checkpoint::expose(&shot, &args.taking, Some(&args.output), "exposing", args.taking.resume)?;
             if meters_by_exposure {
                 watched("metering", |w| shot.meter_by(&mut taken.exposed.plane, w, &mut warn))?;
                 say_ambient(file.scene.ambient_ev, &shot.facts());

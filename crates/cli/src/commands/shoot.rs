@@ -2,7 +2,7 @@
 
 use super::exposure_summary::{display, say_ambient, setting};
 use super::series_calibration::SeriesCalibration;
-use super::{print_json, stack};
+use super::{print_json, read_raw, stack};
 use crate::args::Shoot;
 use crate::checkpoint;
 use crate::effect;
@@ -120,11 +120,23 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         let truth = truths.get(k).map(|p| output::prepare_exr(p)).transpose()?;
         Ok((output::prepare_pictures(&of_frame(k))?, plane, truth))
     };
-    // The first proves that the others can be written; thousands are not opened at once.
-    let mut ready = Some(prepare(0)?);
     // A picture that is only joined or looked at has no file of its own: its checkpoint takes the name of what it goes into.
     let main = pictures.first().or(args.keep_plane.as_ref()).or(args.merge.first()).or(args.stack.first());
     let kept_beside: Vec<PathBuf> = main.map(named).unwrap_or_default();
+    // A series goes on where it was stopped: at its checkpoint, or, stopped between two pictures, at the first that is not there.
+    let at_checkpoint = checkpoint::first_kept(&kept_beside).filter(|_| args.taking.resume && count > 1);
+    let files_of = |k: usize| of_frame(k).into_iter().chain(planes.get(k).cloned()).chain(truths.get(k).cloned());
+    let is_there = |k: usize| files_of(k).count() > 0 && files_of(k).all(|file| file.is_file());
+    let goes_on_at = match args.taking.resume && count > 1 {
+        true => at_checkpoint.unwrap_or_else(|| (0..count).take_while(|k| is_there(*k)).count()),
+        false => 0,
+    };
+    let raw_of = |k: usize| of_frame(k).into_iter().find(|file| matches!(output::kind(file), Ok(Kind::Dng)));
+    let is_joined = !args.merge.is_empty() || !args.stack.is_empty();
+    let only_raws_are_joined = !args.merge.iter().chain(&args.stack).any(|p| output::kind(p).is_ok_and(Kind::is_looked_at));
+    let was_taken = |k: usize| k < goes_on_at && is_there(k) && (!is_joined || only_raws_are_joined && raw_of(k).is_some());
+    // The first proves that the others can be written; thousands are not opened at once.
+    let mut ready = (!was_taken(0)).then(|| prepare(0)).transpose()?;
     let merged_file = (!args.merge.is_empty()).then(|| output::prepare_pictures(&args.merge)).transpose()?;
     let stacked_file = (!args.stack.is_empty()).then(|| stack::prepare(&args.stack)).transpose()?;
     let plot_file = args.plot_focus.as_ref().map(|p| paint::prepare(std::slice::from_ref(p))).transpose()?;
@@ -198,6 +210,16 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
                 }
             })?;
         }
+        if was_taken(k) {
+            if is_joined && let Some(file) = raw_of(k) {
+                raws.push(read_raw(&file)?);
+            }
+            let files: Vec<String> = files_of(k).map(|file| file.display().to_string()).collect();
+            say(&format!("{}: there from before", files.join(", ")));
+            size = [shot.camera.film.columns, shot.camera.film.rows];
+            all_facts.push(shot.facts());
+            continue;
+        }
         let (pictures, plane_file, truth_file) = match ready.take() {
             Some(files) => files,
             None => prepare(k)?,
@@ -221,7 +243,8 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         }
         let begun = Instant::now();
         let what = if count > 1 { "exposing (each)" } else { "exposing" };
-        let taken = checkpoint::expose(&shot, &args.taking, kept_beside.get(k).map(PathBuf::as_path), what)?;
+        let must = args.taking.resume && (count == 1 || goes_on_at == 0 && k == 0 || at_checkpoint == Some(k));
+        let taken = checkpoint::expose(&shot, &args.taking, kept_beside.get(k).map(PathBuf::as_path), what, must)?;
         let plane = &taken.exposed.plane;
         let seconds = begun.elapsed().as_secs_f64();
         expose_s += seconds;
@@ -247,7 +270,11 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         let facts = denoised.as_ref().filter(|_| only_looked_at).unwrap_or(&raw).header.facts.clone();
         match k {
             0 => say(&display(&facts, size[0], size[1], seconds)),
-            _ => say(&setting(&facts)),
+            _ => {
+                let focus = facts.focus_distance_m.map_or("∞".to_owned(), |m| format!("{m:.3} m"));
+                let focus = if matches!(sequence, Sequence::Focus { .. }) { format!("   focus {focus}") } else { String::new() };
+                say(&format!("{}{focus}", setting(&facts)));
+            }
         }
         if let Some(denoised) = denoised.as_ref().filter(|_| k == 0 && !only_looked_at) {
             say(&format!("pictures to look at are denoised ({}), the other files are not", denoised.header.facts.denoiser));
@@ -261,9 +288,11 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         if joined_is_looked_at.contains(&true) {
             clean.extend(denoised);
         }
-        stopped = taken.finish();
+        let kept = if count > 1 { ", with --resume without taking again what is there" } else { "" };
+        stopped = taken.finish().map(|how| how + kept);
         if stopped.is_none() && k + 1 < count && watch::stopping() {
-            stopped = Some(format!("stopped after {} of {count} pictures", k + 1));
+            stopped =
+                Some(format!("stopped after {} of {count} pictures; the same command with --resume takes the others", k + 1));
         }
         if stopped.is_some() {
             break;

@@ -25,6 +25,10 @@ fn pixels(path: &Path) -> Vec<u8> {
     data
 }
 
+fn read_plane_of(f: &Folder, name: &str) -> Vec<f32> {
+    read_focal_plane(std::io::Cursor::new(f.read(name))).unwrap().mean.data
+}
+
 const SMALL: &[&str] = &["--size", "48x32", "--spp", "2"];
 
 fn with<'a>(first: &[&'a str], rest: &[&'a str]) -> Vec<&'a str> {
@@ -1114,6 +1118,57 @@ fn stopped_and_killed_exposures_go_on() {
     assert!(code == 2 && message.contains("expected the checkpoint"), "{message}");
     // Neither checkpoints nor parts of the dead are left.
     assert_eq!(f.files(), [f.path("killed.exr"), f.path("stopped.exr"), f.path("whole.exr")]);
+}
+
+#[test]
+fn a_stopped_series_goes_on_with_the_pictures_that_are_not_there() {
+    let f = Folder::new("stopped-series");
+    let args = with(&["shoot", "cornell", "--shutter", "1/30", "--bracket", "3", "-o", "b.dng", "--merge", "m.dng"], &[]);
+    let mosaic = |name: &str| {
+        let file = std::fs::File::open(f.path(name)).unwrap();
+        diopter::image::dng::read(std::io::BufReader::new(file)).unwrap().mosaic.data
+    };
+    f.ok(&args);
+    let [first, merged] = ["b-001.dng", "m.dng"].map(|name| f.read(name));
+    let whole = mosaic("m.dng");
+    // Stopped after the first picture.
+    let remove = |names: &[&str]| names.iter().for_each(|name| std::fs::remove_file(f.path(name)).unwrap());
+    remove(&["b-002.dng", "b-003.dng", "m.dng"]);
+    let output = f.ok(&[&args[..], &["--resume"]].concat());
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(told.contains("b-001.dng: there from before") && !told.contains("b-002.dng: there"), "{told}");
+    assert!(f.read("b-001.dng") == first && mosaic("m.dng") == whole && !merged.is_empty());
+    // Where nothing was begun, there is nothing to go on from.
+    remove(&["b-001.dng", "b-002.dng", "b-003.dng", "m.dng"]);
+    let (code, message) = f.fails(&[&args[..], &["--resume"]].concat());
+    assert!(code == 2 && message.contains("expected the checkpoint b-001.dng.checkpoint"), "{message}");
+}
+
+#[test]
+fn parts_of_other_pictures_and_samples_that_are_there_are_not_merged() {
+    let f = Folder::new("parts");
+    let part = |samples: &str, name: &str, more: &[&str]| {
+        let args = ["expose", "cornell", "--size", "24x16", "--spp", "16", "--shutter", "1/30", "--samples", samples, "-o", name];
+        f.ok(&[&args[..], more].concat());
+    };
+    part("0..5", "a.exr", &[]);
+    part("12..16", "c.exr", &[]);
+    let told = f.ok(&["merge", "c.exr", "a.exr", "-o", "gap.exr"]);
+    assert!(String::from_utf8_lossy(&told.stderr).contains("9 samples a pixel (0..5, 12..16)"));
+    let (code, message) = f.fails(&["merge", "gap.exr", "c.exr", "-o", "twice.exr"]);
+    assert!(code == 2 && message.contains("samples 12..16 are in two of them"), "{message}");
+    part("5..12", "b.exr", &[]);
+    f.ok(&["merge", "gap.exr", "b.exr", "-o", "whole.exr"]);
+    part("0..16", "once.exr", &[]);
+    let [merged, once] = ["whole.exr", "once.exr"].map(|name| read_plane_of(&f, name));
+    assert!(merged.iter().zip(&once).all(|(a, b)| (a - b).abs() <= 1e-5 * b.abs().max(1e-3)));
+    for (more, told) in
+        [(&["--look-from", "0,1,3"][..], "where the camera stands"), (&["--max-depth", "2"], "how paths are followed")]
+    {
+        part("5..12", "other.exr", more);
+        let (code, message) = f.fails(&["merge", "a.exr", "other.exr", "-o", "x.exr"]);
+        assert!(code == 2 && message.contains(told), "{message}");
+    }
 }
 
 #[test]
