@@ -25,6 +25,9 @@ const MIDDLE: f64 = 0.5;
 const MOST_UNEVEN: f64 = 0.08;
 /// The lightness of patches correlates with the chart's at least as much, however they are lit and developed; patches of other things, or of a chart upside down, do not.
 const LEAST_LIKENESS: f64 = 0.7;
+/// Part of a patch from which on it counts as clipped, and the least number of grey patches that the exposure is told by.
+const MOST_CLIPPED: f64 = 0.01;
+const LEAST_GREYS: usize = 3;
 
 /// A patch as it is and as it should be.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -39,6 +42,8 @@ pub struct Patch {
     pub delta_e: f64,
     /// Standard deviation of the luminance within it, relative to white.
     pub uneven: f64,
+    /// Whether the picture is clipped there: it counts in neither the scale nor the differences of all.
+    pub clipped: bool,
 }
 
 /// The chart.
@@ -48,9 +53,9 @@ pub struct ColorDifferences {
     pub patches: Vec<Patch>,
     /// What the picture was multiplied by.
     pub scale: f64,
-    /// Mean of the differences.
+    /// Mean of the differences of all that are not clipped.
     pub mean: f64,
-    /// The largest.
+    /// The largest of them.
     pub largest: f64,
 }
 
@@ -75,9 +80,10 @@ fn references(light: &str) -> Result<Vec<(String, DVec3)>, MeasureError> {
 
 /// Measures the chart in a developed picture of linear sRGB. `corners`: outer corners of the patches, pixels; the framing of the embedded chart
 /// without. `light`: what lights the chart (`D65`, `A` ...). Fails on what is no developed picture of R, G and B, on an unknown `light`, on corners outside the picture
-/// or three in line, and where the patches are black, uneven or not as light and dark as the chart's.
+/// or three in line, and where the patches are black, uneven or not as light and dark as the chart's, and
+/// where fewer than three grey ones are below white.
 pub fn measure(picture: &Measured, corners: Option<Corners>, light: &str) -> Result<ColorDifferences, MeasureError> {
-    let Measured::Light { pixels, bands, facts: None, .. } = picture else {
+    let Measured::Light { pixels, bands, limits, clipped, facts: None } = picture else {
         return Err(MeasureError::unfit(
             "colour chart",
             "a raw image or a focal plane",
@@ -97,7 +103,7 @@ pub fn measure(picture: &Measured, corners: Option<Corners>, light: &str) -> Res
     let mut seen = Vec::with_capacity(24);
     for k in 0..24 {
         let middle = [(k % GRID[0]) as f64 + 0.5 * FILL, (k / GRID[0]) as f64 + 0.5 * FILL];
-        let (mut sum, mut squares, mut count) = (DVec3::ZERO, 0.0, 0.0);
+        let (mut sum, mut squares, mut count, mut at_limit) = (DVec3::ZERO, 0.0, 0.0, 0.0);
         const STEPS: usize = 24;
         for i in 0..STEPS * STEPS {
             let within = [i % STEPS, i / STEPS].map(|s| ((s as f64 + 0.5) / STEPS as f64 - 0.5) * MIDDLE * FILL);
@@ -110,18 +116,30 @@ pub fn measure(picture: &Measured, corners: Option<Corners>, light: &str) -> Res
                 ));
             }
             let p = pixels.pixel(x as usize, y as usize);
+            let is_clipped = match clipped {
+                Some((clipped, _)) => clipped[y as usize * pixels.width + x as usize],
+                None => p.iter().any(|v| *v >= limits[1]),
+            };
+            at_limit += f64::from(is_clipped);
             let xyz = xyz_from_rgb * DVec3::new(p[0].into(), p[1].into(), p[2].into());
             sum += xyz;
             squares += xyz.y * xyz.y;
             count += 1.0;
         }
         let mean = sum / count;
-        seen.push((mean, (squares / count - mean.y * mean.y).max(0.0).sqrt()));
+        seen.push((mean, (squares / count - mean.y * mean.y).max(0.0).sqrt(), at_limit > MOST_CLIPPED * count));
     }
     // The last row is grey.
-    let greys = 18..24;
-    let product = greys.clone().map(|k| seen[k].0.y * references[k].1.y).sum::<f64>();
-    let scale = product / greys.map(|k| seen[k].0.y.powi(2)).sum::<f64>();
+    let greys: Vec<usize> = (18..24).filter(|k| !seen[*k].2).collect();
+    if greys.len() < LEAST_GREYS {
+        return Err(MeasureError::unfit(
+            "colour chart",
+            format!("{} of its six grey patches are clipped to white", 6 - greys.len()),
+            "a picture of less exposure",
+        ));
+    }
+    let product = greys.iter().map(|k| seen[*k].0.y * references[*k].1.y).sum::<f64>();
+    let scale = product / greys.iter().map(|k| seen[*k].0.y.powi(2)).sum::<f64>();
     if !(scale.is_finite() && scale > 0.0) {
         return Err(MeasureError::unfit("colour chart", "its grey patches are black", "a chart that is lit, and its corners"));
     }
@@ -129,10 +147,10 @@ pub fn measure(picture: &Measured, corners: Option<Corners>, light: &str) -> Res
     let patches: Vec<Patch> = seen
         .into_iter()
         .zip(references)
-        .map(|((xyz, deviation), (name, reference))| {
+        .map(|((xyz, deviation, clipped), (name, reference))| {
             let [found, wanted] = [xyz * scale, reference].map(|c| lab(c, white));
             let delta_e = delta_e_2000(found, wanted);
-            Patch { name, lab: found.to_array(), reference: wanted.to_array(), delta_e, uneven: deviation * scale }
+            Patch { name, lab: found.to_array(), reference: wanted.to_array(), delta_e, uneven: deviation * scale, clipped }
         })
         .collect();
     if let Some(p) = patches.iter().find(|p| p.uneven > MOST_UNEVEN) {
@@ -142,7 +160,7 @@ pub fn measure(picture: &Measured, corners: Option<Corners>, light: &str) -> Res
             "the four outer corners of its patches, dark skin in the upper left: --corners x,y,x,y,x,y,x,y",
         ));
     }
-    let likeness = correlation(patches.iter().map(|p| (p.reference[0], p.lab[0])));
+    let likeness = correlation(patches.iter().filter(|p| !p.clipped).map(|p| (p.reference[0], p.lab[0])));
     if likeness < LEAST_LIKENESS {
         return Err(MeasureError::unfit(
             "colour chart",
@@ -150,8 +168,9 @@ pub fn measure(picture: &Measured, corners: Option<Corners>, light: &str) -> Res
             "the four outer corners of its patches, dark skin in the upper left: --corners x,y,x,y,x,y,x,y",
         ));
     }
-    let mean = patches.iter().map(|p| p.delta_e).sum::<f64>() / patches.len() as f64;
-    let largest = patches.iter().map(|p| p.delta_e).fold(0.0, f64::max);
+    let counted = || patches.iter().filter(|p| !p.clipped).map(|p| p.delta_e);
+    let mean = counted().sum::<f64>() / counted().count() as f64;
+    let largest = counted().fold(0.0, f64::max);
     Ok(ColorDifferences { patches, scale, mean, largest })
 }
 
@@ -189,7 +208,7 @@ mod tests {
             }
         }
         let bands = ["R", "G", "B"].map(str::to_owned).to_vec();
-        Measured::Light { pixels, bands, limits: [f32::NEG_INFINITY, f32::INFINITY], facts: None }
+        Measured::Light { pixels, bands, limits: [f32::NEG_INFINITY, f32::INFINITY], clipped: None, facts: None }
     }
 
     #[test]

@@ -88,7 +88,7 @@ pub fn measured(picture: &Picture) -> Measured {
     let mut pixels = picture.pixels.clone();
     pixels.data.as_chunks_mut::<3>().0.iter_mut().for_each(|p| *p = picture.encoding.decode_pixel(*p, luminance));
     let bands = ["R", "G", "B"].map(str::to_owned).to_vec();
-    Measured::Light { pixels, bands, limits: [f32::NEG_INFINITY, f32::INFINITY], facts: None }
+    Measured::Light { pixels, bands, limits: [f32::NEG_INFINITY, f32::INFINITY], clipped: None, facts: None }
 }
 
 impl Development<'_> {

@@ -318,7 +318,7 @@ mod tests {
                 }
             }
         }
-        Plane { width, height, values, limits: [0.0, 1.0] }
+        Plane { width, height, values, limits: [0.0, 1.0], clipped: None }
     }
 
     /// Distortion of r (1 + k r²) at an observed height, by iteration.

@@ -115,7 +115,13 @@ mod tests {
             let jitter = noise * (((i * 7919) % 97) as f32 / 48.0 - 1.0);
             if dark { 3.0 + jitter } else { 100.0 + jitter }
         };
-        Plane { width: 120, height: 80, values: (0..120 * 80).map(value).collect(), limits: [f32::NEG_INFINITY, 200.0] }
+        Plane {
+            width: 120,
+            height: 80,
+            values: (0..120 * 80).map(value).collect(),
+            limits: [f32::NEG_INFINITY, 200.0],
+            clipped: None,
+        }
     }
 
     #[test]

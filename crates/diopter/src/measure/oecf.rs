@@ -9,6 +9,7 @@ use super::corners::{Corners, framed, projective};
 use super::fit::least_squares;
 use super::{Channel, MeasureError, Measured, Plane};
 use diopter_scene::builtin::charts::{FRAMING, WEDGE_DENSITY, WEDGE_FIELD, WEDGE_GRID, WEDGE_STEP};
+use diopter_sensor::noise::normal_quantile;
 use glam::DVec2;
 use serde::Serialize;
 
@@ -45,7 +46,7 @@ pub struct Field {
     pub snr: f64,
     /// Whether more than 0.2 % of its samples are clipped at white.
     pub saturated: bool,
-    /// Whether a sixth of its samples or more are clipped at black, as where the signal is no larger than its noise: its ratio is then 0.
+    /// Whether a sixth of its samples or more are clipped at black, as where the signal is no larger than its noise: their ratio is then told by how many.
     pub clipped_to_black: bool,
     /// Samples in each picture.
     pub samples: usize,
@@ -221,8 +222,9 @@ fn field(planes: &[Plane], corners: &[DVec2; 4], density: f64) -> Result<Field, 
     }
     let (n, pictures) = (samples as f64, planes.len() as f64);
     let top = plane.limits[1];
-    let clipped = planes.iter().flat_map(|p| pixels.iter().map(|i| p.values[*i])).filter(|v| *v >= top).count();
-    let black = planes.iter().flat_map(|p| pixels.iter().map(|i| p.values[*i])).filter(|v| *v <= plane.limits[0]).count();
+    let samples_at =
+        |side: usize| planes.iter().map(|p| pixels.iter().filter(|i| p.is_clipped(**i)[side]).count()).sum::<usize>();
+    let [black, clipped] = [samples_at(0), samples_at(1)];
     let means: Vec<f64> = planes.iter().map(|p| pixels.iter().map(|i| f64::from(p.values[*i])).sum::<f64>() / n).collect();
     let signal = means.iter().sum::<f64>() / pictures;
     // What differs from picture to picture, pixel by pixel; the pictures' own means apart, since light may flicker.
@@ -256,15 +258,23 @@ fn field(planes: &[Plane], corners: &[DVec2; 4], density: f64) -> Result<Field, 
         ));
     }
     let temporal_noise = temporal.map(f64::sqrt);
+    let black = black as f64 / (n * pictures);
+    let clipped_to_black = black > MOST_BLACK;
+    // What is cut off at black has less noise than it had; how much is cut off says how many deviations the signal lay above 0.
+    let snr = match clipped_to_black {
+        true if black < 1.0 => normal_quantile(1.0 - black).max(0.0),
+        true => 0.0,
+        false => ratio(signal, temporal_noise.unwrap_or(total.sqrt())),
+    };
     Ok(Field {
         density,
         signal,
         total_noise: total.sqrt(),
         temporal_noise,
         incremental_gain: None,
-        snr: ratio(signal, temporal_noise.unwrap_or(total.sqrt())),
+        snr,
         saturated: clipped as f64 > MOST_CLIPPED * n * pictures,
-        clipped_to_black: black as f64 > MOST_BLACK * n * pictures,
+        clipped_to_black,
         samples,
     })
 }
@@ -298,7 +308,9 @@ fn weigh_by_gain(fields: &mut [Field]) {
             false => (brighter.1 - darker.1) / apart,
         };
         f.incremental_gain = Some(gain);
-        f.snr = if f.clipped_to_black { 0.0 } else { ratio(gain, f.temporal_noise.unwrap_or(f.total_noise)) };
+        if !f.clipped_to_black {
+            f.snr = ratio(gain, f.temporal_noise.unwrap_or(f.total_noise));
+        }
     }
 }
 
@@ -374,7 +386,7 @@ mod tests {
             let linear = electrons / 1e4;
             *v = if gamma == 1.0 { linear.min(1.0) } else { linear.max(0.0).powf(1.0 / gamma).min(1.0) } as f32;
         }
-        Measured::Light { pixels, bands: vec!["Y".into()], limits: [f32::NEG_INFINITY, 1.0], facts: None }
+        Measured::Light { pixels, bands: vec!["Y".into()], limits: [f32::NEG_INFINITY, 1.0], clipped: None, facts: None }
     }
 
     #[test]
@@ -419,7 +431,7 @@ mod tests {
             pixels.data[i] *= fall(i);
             even.data[i] = 0.7 * fall(i);
         }
-        let of = |pixels| Measured::Light { pixels, bands: bands.clone(), limits, facts: None };
+        let of = |pixels| Measured::Light { pixels, bands: bands.clone(), limits, clipped: None, facts: None };
         let (dim, flat) = ([of(pixels)], of(even));
         let with = measure(&dim, Channel::Clear, None, WEDGE_GRID, None, Some(&flat)).unwrap();
         let without = measure(&dim, Channel::Clear, None, WEDGE_GRID, None, None).unwrap();

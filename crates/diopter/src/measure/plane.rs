@@ -95,9 +95,17 @@ pub struct Plane {
     pub values: Vec<f32>,
     /// Values at and beyond which they are clipped, below and above; infinite where they never are.
     pub limits: [f32; 2],
+    /// `[row][column]`: whether a channel that the value is made of is clipped above, where the value itself does not say so.
+    pub clipped: Option<Vec<bool>>,
 }
 
 impl Plane {
+    /// Whether the value of a pixel (by its place in [`Plane::values`]) is clipped, below and above.
+    pub fn is_clipped(&self, at: usize) -> [bool; 2] {
+        let (v, [low, high]) = (self.values[at], self.limits);
+        [v <= low, v >= high || self.clipped.as_ref().is_some_and(|clipped| clipped[at])]
+    }
+
     /// What line widths and TV distortion count by, pixels: the shorter side, as the camera is held or not.
     pub fn picture_height(&self) -> usize {
         self.width.min(self.height)
@@ -123,9 +131,12 @@ impl Plane {
     /// Fractions of the samples of a region that are clipped, below and above.
     pub fn clipped(&self, region: Region) -> [f64; 2] {
         let (mut low, mut high, mut count) = (0.0, 0.0, 0.0f64);
-        for v in self.samples(region) {
-            low += f64::from(v <= f64::from(self.limits[0]));
-            high += f64::from(v >= f64::from(self.limits[1]));
+        let rows = region.y..region.y + region.height;
+        let places = rows.flat_map(|y| (region.x..region.x + region.width).map(move |x| y * self.width + x));
+        for at in places.filter(|at| !self.values[*at].is_nan()) {
+            let [below, above] = self.is_clipped(at);
+            low += f64::from(below);
+            high += f64::from(above);
             count += 1.0;
         }
         [low / count.max(1.0), high / count.max(1.0)]
@@ -158,6 +169,8 @@ pub enum Measured {
         bands: Vec<String>,
         /// Where they are clipped.
         limits: [f32; 2],
+        /// Pixel by pixel, of pictures of codes: whether a channel has the highest of them, and whether values of a channel are made of the codes of several.
+        clipped: Option<(Vec<bool>, bool)>,
         /// How it was taken, where the file says so.
         facts: Option<Box<ExposureFacts>>,
     },
@@ -184,10 +197,22 @@ impl Measured {
         if bytes.starts_with(&EXR) {
             if let Ok(plane) = exr::read_focal_plane(Cursor::new(&bytes)) {
                 let bands = plane.bands.iter().map(|b| b.name.clone()).collect();
-                return Ok(Measured::Light { pixels: plane.mean, bands, limits, facts: Some(Box::new(plane.facts)) });
+                return Ok(Measured::Light {
+                    pixels: plane.mean,
+                    bands,
+                    limits,
+                    clipped: None,
+                    facts: Some(Box::new(plane.facts)),
+                });
             }
             let pixels = exr::read_rgb(Cursor::new(&bytes)).map_err(|e| e.to_string())?;
-            return Ok(Measured::Light { pixels, bands: ["R", "G", "B"].map(str::to_owned).to_vec(), limits, facts: None });
+            return Ok(Measured::Light {
+                pixels,
+                bands: ["R", "G", "B"].map(str::to_owned).to_vec(),
+                limits,
+                clipped: None,
+                facts: None,
+            });
         }
         let mut pixels = read_codes(&bytes)?;
         let profile = read_profile(&bytes);
@@ -195,6 +220,7 @@ impl Measured {
         let encoding = encoding.or_else(of_profile).unwrap_or(Encoding::Srgb);
         let luminance = RgbSpace::Srgb.luminance_weights();
         let to_srgb = profile.as_deref().and_then(icc::srgb_from);
+        let clipped = pixels.data.as_chunks::<3>().0.iter().map(|p| p.iter().any(|code| *code >= 1.0)).collect();
         pixels.data.as_chunks_mut::<3>().0.iter_mut().for_each(|p| {
             *p = encoding.decode_pixel(*p, luminance);
             if let Some(matrix) = &to_srgb {
@@ -202,8 +228,9 @@ impl Measured {
             }
         });
         let top = encoding.decode(1.0);
+        let clipped = Some((clipped, to_srgb.is_some()));
         let bands = ["R", "G", "B"].map(str::to_owned).to_vec();
-        Ok(Measured::Light { pixels, bands, limits: [0.0, top], facts: None })
+        Ok(Measured::Light { pixels, bands, limits: [0.0, top], clipped, facts: None })
     }
 
     /// What is measured when nothing is asked for: green of a raw image (or its only channel), luminance of others.
@@ -230,7 +257,7 @@ impl Measured {
     pub fn plane(&self, channel: Channel) -> Result<Plane, MeasureError> {
         match self {
             Measured::Raw(raw) => plane_of_raw(raw, channel),
-            Measured::Light { pixels, bands, limits, .. } => {
+            Measured::Light { pixels, bands, limits, clipped, .. } => {
                 let find = |name: &str| bands.iter().position(|b| b == name);
                 let missing = || {
                     let expected = format!("one of its channels {}", bands.join(", "));
@@ -250,7 +277,9 @@ impl Measured {
                         pixels.channel(find(&letter).ok_or_else(missing)?)
                     }
                 };
-                Ok(Plane { width: pixels.width, height: pixels.height, values, limits: *limits })
+                let of_several = |mixed: bool| mixed || channel == Channel::Luminance;
+                let clipped = clipped.as_ref().filter(|(_, mixed)| of_several(*mixed)).map(|(clipped, _)| clipped.clone());
+                Ok(Plane { width: pixels.width, height: pixels.height, values, limits: *limits, clipped })
             }
         }
     }
@@ -291,5 +320,5 @@ fn plane_of_raw(raw: &RawImage, channel: Channel) -> Result<Plane, MeasureError>
             }
         }
     }
-    Ok(Plane { width, height, values, limits: [linear(0.0), linear(h.white_level)] })
+    Ok(Plane { width, height, values, limits: [linear(0.0), linear(h.white_level)], clipped: None })
 }

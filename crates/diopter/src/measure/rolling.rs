@@ -368,6 +368,16 @@ fn of_bars(plane: &Plane, speed: [f64; 2]) -> Result<Rolling, MeasureError> {
         let expected = "a bright bar before a dark ground that moves fast enough to lean (\"moving-bars\"); a shutter that opens everywhere at once shows none";
         return Err(MeasureError::unfit("picture", "no bar that leans", expected));
     };
+    // Within the picture a bar leans by no more than its width.
+    let across = lines_of(plane, columns)[1];
+    if (lean.slope * lean.lines).abs() > 2.0 * across as f64 {
+        let found = format!("a bar that leans by {:.0} of {across} pixels", (lean.slope * lean.lines).abs());
+        return Err(MeasureError::unfit(
+            "picture",
+            found,
+            "a bar across the way it moves along: --speed is X,Y, to the right and down",
+        ));
+    }
     let forward = lean.slope * speed > 0.0;
     let direction = match (columns, forward) {
         (false, true) => "down",
@@ -436,7 +446,7 @@ mod tests {
 
     fn plane(width: usize, height: usize, of: impl Fn(usize, usize) -> f64) -> Plane {
         let values = (0..width * height).map(|i| of(i % width, i / width) as f32).collect();
-        Plane { width, height, values, limits: [f32::NEG_INFINITY, f32::INFINITY] }
+        Plane { width, height, values, limits: [f32::NEG_INFINITY, f32::INFINITY], clipped: None }
     }
 
     /// Even numbers from 0 to 1, by a hash of two.

@@ -152,7 +152,7 @@ mod tests {
             let (x, y) = ((i % width) as f64 + 0.5 - 120.0, (i / width) as f64 + 0.5 - 80.0);
             light(x / diagonal, y / diagonal) as f32
         };
-        Plane { width, height, values: (0..width * height).map(value).collect(), limits: [0.0, 1.0] }
+        Plane { width, height, values: (0..width * height).map(value).collect(), limits: [0.0, 1.0], clipped: None }
     }
 
     #[test]

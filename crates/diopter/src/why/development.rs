@@ -61,7 +61,7 @@ fn variance(header: &RawHeader, recipe: &Recipe, until: Step, level: f64, sigma_
         // Green, or the only channel; steps before the encoding are shown by the sRGB function.
         let values = picture.pixels.data.as_chunks::<3>().0.iter().map(|p| srgb_decode(p[1])).collect();
         let (width, height) = (picture.pixels.width, picture.pixels.height);
-        let plane = Plane { width, height, values, limits: [f32::NEG_INFINITY, f32::INFINITY] };
+        let plane = Plane { width, height, values, limits: [f32::NEG_INFINITY, f32::INFINITY], clipped: None };
         let options = Options { order: 1, ..Options::default() };
         let Some(half) = measure(&plane, plane.whole(), &options).ok().and_then(|e| e.mtf50) else { return Ok(None) };
         // A picture of halved pixels has fewer of them.

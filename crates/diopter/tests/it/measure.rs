@@ -55,7 +55,7 @@ fn expose_on_the_way(
         expose(&scene, &camera, &Shutter::global(0.01), &response, &settings, &ExposureFacts::default(), &watch).unwrap();
     let bands = plane.bands.iter().map(|b| b.name.clone()).collect();
     let limits = [f32::NEG_INFINITY, f32::INFINITY];
-    Measured::Light { pixels: plane.mean, bands, limits, facts: Some(Box::new(plane.facts)) }
+    Measured::Light { pixels: plane.mean, bands, limits, clipped: None, facts: Some(Box::new(plane.facts)) }
 }
 
 #[test]

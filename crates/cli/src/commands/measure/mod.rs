@@ -555,13 +555,14 @@ fn color_text(name: &str, found: &ColorDifferences) -> anyhow::Result<String> {
     writeln!(t, "{name}   (CIEDE2000; CIELAB of D65, brightness by the grey patches: × {:.4})", found.scale)?;
     writeln!(
         t,
-        "  {:<16} {:>7} {:>7} {:>7}   {:>7} {:>7} {:>7} {:>7}",
+        "  {:<19} {:>7} {:>7} {:>7}   {:>7} {:>7} {:>7} {:>7}",
         "patch", "L*", "a*", "b*", "L* ref", "a* ref", "b* ref", "dE00"
     )?;
     for p in &found.patches {
         let [l, a, b] = p.lab;
         let [l0, a0, b0] = p.reference;
-        writeln!(t, "  {:<16} {l:>7.2} {a:>7.2} {b:>7.2}   {l0:>7.2} {a0:>7.2} {b0:>7.2} {:>7.2}", p.name, p.delta_e)?;
+        let difference = if p.clipped { "clipped".to_owned() } else { format!("{:.2}", p.delta_e) };
+        writeln!(t, "  {:<19} {l:>7.2} {a:>7.2} {b:>7.2}   {l0:>7.2} {a0:>7.2} {b0:>7.2} {difference:>7}", p.name)?;
     }
     writeln!(t, "  mean {:.2}, largest {:.2}", found.mean, found.largest)?;
     Ok(t)
@@ -569,7 +570,7 @@ fn color_text(name: &str, found: &ColorDifferences) -> anyhow::Result<String> {
 
 fn color_figure(name: &str, found: &ColorDifferences) -> Figure {
     // From the reference to what was measured, seen along L*.
-    let lines = found.patches.iter().flat_map(|p| {
+    let lines = found.patches.iter().filter(|p| !p.clipped).flat_map(|p| {
         let [from, to] = [p.reference, p.lab].map(|lab| (lab[1], lab[2]));
         [line("", 5, Style::Full, [from, to]), line("", 0, Style::Dots, [to]), line("", 1, Style::Dots, [from])]
     });

@@ -53,7 +53,11 @@ pub(super) fn text(name: &str, pictures: usize, found: &[Response]) -> anyhow::R
             r.channel, "density", "signal", "total noise", "temporal", "SNR dB"
         )?;
         for f in &r.fields {
-            let snr = if f.saturated { "clipped".to_owned() } else { format!("{:.2}", 20.0 * f.snr.max(1e-3).log10()) };
+            let snr = match (f.saturated, f.snr > 1e-3) {
+                (true, _) => "clipped".to_owned(),
+                (false, true) => format!("{:.2}", 20.0 * f.snr.log10()),
+                (false, false) => if f.clipped_to_black { "black" } else { "-" }.to_owned(),
+            };
             let temporal = f.temporal_noise.map_or("-".to_owned(), |v| format!("{v:.6}"));
             writeln!(t, "  {:<10} {:>8.3} {:>11.6} {:>12.6} {temporal:>12} {snr:>8}", "", f.density, f.signal, f.total_noise)?;
         }

@@ -84,7 +84,7 @@ pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
     let edges = photograph(&setup, "slanted-edges")?;
     let (plane, channel) = strongest_plane(&edges.raw)?;
     let options = mtf::Options { reach: Some(REACH_PX), ..mtf::Options::default() };
-    let mut found = mtf::find(&plane, &options)?;
+    let mut found = edges_of(&plane, &options)?;
     let middle = [0.5 * plane.width as f64, 0.5 * plane.height as f64];
     let height = |e: &EdgeMtf| (e.middle[0] - middle[0]).hypot(e.middle[1] - middle[1]);
     found.sort_by(|a, b| height(a).total_cmp(&height(b)));
@@ -269,6 +269,19 @@ fn is_radial(edge: &EdgeMtf, edges: &[EdgeMtf]) -> bool {
     along.abs() > std::f64::consts::FRAC_1_SQRT_2 * radius[0].hypot(radius[1])
 }
 
+/// The edges of the chart, which needs pixels and samples enough to show them.
+fn edges_of(plane: &Plane, options: &mtf::Options) -> anyhow::Result<Vec<EdgeMtf>> {
+    mtf::find(plane, options).map_err(|e| match e {
+        MeasureError::Unfit { place, found, .. } => {
+            let size = format!("{} x {}", plane.width, plane.height);
+            let (found, expected) =
+                (format!("{found} in {size} pixels"), "a larger --size (480x320 and more), or more --spp".into());
+            MeasureError::Unfit { place, found, expected }.into()
+        }
+        other => other.into(),
+    })
+}
+
 /// Edges of the developed picture beside the chain with the development, for a few of them.
 fn developed_resolution(
     edges: &Photograph,
@@ -281,7 +294,7 @@ fn developed_resolution(
     let picture = developed::measured(&edges.picture);
     let plane = picture.plane(Channel::Luminance)?;
     let options = mtf::Options { reach: Some(REACH_PX), ..mtf::Options::default() };
-    let mut found = mtf::find(&plane, &options)?;
+    let mut found = edges_of(&plane, &options)?;
     let middle = [0.5 * plane.width as f64, 0.5 * plane.height as f64];
     found.sort_by(|a, b| {
         let height = |e: &EdgeMtf| (e.middle[0] - middle[0]).hypot(e.middle[1] - middle[1]);

@@ -8,6 +8,8 @@ use rayon::prelude::*;
 const SIDES: [usize; 6] = [160, 128, 96, 64, 48, 32];
 /// The same for blurs that do not end within these.
 const WIDE: [usize; 4] = [224, 320, 448, 640];
+/// An edge is at a place where it is no farther than a region's side over this.
+const NEAR: usize = 5;
 /// Most edges that a search returns.
 const MOST_FOUND: usize = 20;
 
@@ -26,7 +28,11 @@ pub fn measure_at(plane: &Plane, [x, y]: [f64; 2], options: &Options) -> Result<
     plane.check(plane.whole(), LEAST_SIDE)?;
     let [larger @ .., smallest] = SIDES;
     // Where none holds an edge, the smallest says why: it is the least likely to hold something else.
-    let found = larger.into_iter().find_map(|side| measure(plane, around(side), options).ok());
+    let is_there = |e: &EdgeMtf, side: usize| {
+        let [dx, dy] = [x - e.middle[0], y - e.middle[1]];
+        (dx * e.across[0] + dy * e.across[1]).abs() <= (side / NEAR) as f64
+    };
+    let found = larger.into_iter().find_map(|side| measure(plane, around(side), options).ok().filter(|e| is_there(e, side)));
     found.map_or_else(|| measure(plane, around(smallest), options), Ok)
 }
 

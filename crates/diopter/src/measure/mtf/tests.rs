@@ -30,7 +30,7 @@ fn edge(width: usize, height: usize, angle: f64, sigma: f64, bow: f64) -> Plane 
         let step = (second(n + p) - second(n + q) - second(n - q) + second(n - p)) / (a * b);
         (0.1 + 0.7 * step) as f32
     };
-    Plane { width, height, values: (0..width * height).map(value).collect(), limits: [0.0, 1.0] }
+    Plane { width, height, values: (0..width * height).map(value).collect(), limits: [0.0, 1.0], clipped: None }
 }
 
 fn exact(f: f64, angle: f64, sigma: f64) -> f64 {
@@ -75,7 +75,7 @@ fn turned_and_mirrored_edges_have_the_same_response() {
     let plane = edge(64, 80, 5.0, 0.5, 0.0);
     let plain = measure(&plane, plane.whole(), &Options::default()).unwrap();
     let turned = (0..64 * 80).map(|i| plane.values[(i % 80) * 64 + i / 80]).collect();
-    let turned = Plane { width: 80, height: 64, values: turned, limits: plane.limits };
+    let turned = Plane { width: 80, height: 64, values: turned, limits: plane.limits, clipped: None };
     let found = measure(&turned, turned.whole(), &Options::default()).unwrap();
     assert!(found.horizontal && found.mtf == plain.mtf, "a transposed picture has the same rows");
     assert_eq!(found.across, [plain.across[1], plain.across[0]]);
@@ -168,7 +168,7 @@ fn what_is_no_edge_is_refused_by_name() {
 fn edges_are_found_where_they_are() {
     // One edge of 80 × 80 pixels in a grey picture.
     let (width, height) = (320, 240);
-    let mut plane = Plane { width, height, values: vec![0.45; width * height], limits: [0.0, 1.0] };
+    let mut plane = Plane { width, height, values: vec![0.45; width * height], limits: [0.0, 1.0], clipped: None };
     let patch = edge(80, 80, 5.0, 0.6, 0.0);
     for y in 0..80 {
         plane.values[(y + 100) * width + 180..][..80].copy_from_slice(&patch.values[y * 80..][..80]);
@@ -206,6 +206,6 @@ fn wide_blurs_are_measured_in_regions_in_which_they_end() {
 #[test]
 fn a_step_in_an_upright_edge_is_no_slant() {
     let values = (0..128 * 128).map(|i| if (i % 128) < 62 + 4 * usize::from(i / 128 >= 64) { 0.2 } else { 0.8 }).collect();
-    let plane = Plane { width: 128, height: 128, values, limits: [0.0, 1.0] };
+    let plane = Plane { width: 128, height: 128, values, limits: [0.0, 1.0], clipped: None };
     assert!(measure(&plane, plane.whole(), &Options::default()).is_err());
 }
