@@ -22,7 +22,13 @@ fn of_light_field(recipe: &Recipe) -> Recipe {
 /// Writes `view-ROW-COLUMN.png` of a grid over the pupil into a folder.
 pub fn write_views(raw: &RawImage, recipe: &Recipe, lut: Option<&Lut>, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let mut recipe = of_light_field(recipe);
-    recipe.light_field.aperture = None;
+    let [has_aperture, has_view] = [recipe.light_field.aperture.is_some(), recipe.light_field.view.is_some()];
+    if has_aperture || has_view {
+        let what = if has_aperture { "light_field.aperture" } else { "light_field.view" };
+        return Err(
+            crate::UsageError(anyhow!("{what} beside --views: expected one of the two: views are all over the pupil")).into()
+        );
+    }
     let field = |r: &Recipe| Developer::new(raw, r, None).map(|d| d.light_field().map_or(1, |f| f.views_across()));
     let across = field(&recipe).map_err(ShotError::from)?;
     std::fs::create_dir_all(folder).with_context(|| format!("{}: this folder cannot be made", folder.display()))?;

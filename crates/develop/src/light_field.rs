@@ -146,8 +146,18 @@ impl LightField {
                 let expected = format!("f/{f_number:.2}, at which it was taken, or more");
                 Err(wrong("light_field.aperture", format!("f/{n}"), expected))
             }
+            Some(n) if n > self.smallest_aperture(f_number) * 1.001 => {
+                let smallest = self.smallest_aperture(f_number);
+                let expected = format!("f/{f_number:.2} to f/{smallest:.2}: so many pixels lie across the pupil");
+                Err(wrong("light_field.aperture", format!("f/{n}"), expected))
+            }
             _ => Ok(()),
         }
+    }
+
+    /// f-number of a part of the pupil that has a radius of one pixel: smaller ones are not told apart.
+    fn smallest_aperture(&self, f_number: f64) -> f64 {
+        f_number * self.radius_px.max(1.0)
     }
 
     /// Extension at which a distance (m) is sharp, mm.

@@ -51,10 +51,12 @@ impl MicrolensArray {
         MicrolensOptics { array: *self, magnification, image_radius: self.gap * lens.pupil_reach() + smear }
     }
 
-    /// Area of a lens over that of the pupil's image behind it, for a pupil of a radius over its distance: how many times more light
-    /// falls on a pixel that sees the pupil than on the film. Below 1 where the images of neighbours overlap.
-    pub fn concentration(&self, pupil_slope: f64) -> f64 {
-        self.lattice.cell_area() / (std::f64::consts::PI * (self.gap * pupil_slope).powi(2))
+    /// How many times more light falls on the middle of the image of a lens's pupil than on the film: area of a microlens over that of this image, or of the blur of
+    /// one whose gap is not its focal length, whichever is larger. Below 1 where the images of neighbours overlap.
+    pub fn concentration(&self, lens: &Lens) -> f64 {
+        let smear = 1.0 + self.gap * lens.exit_curvature() - self.gap / self.focal_length;
+        let blur = self.lattice.cell_area() * smear * smear;
+        self.lattice.cell_area() / (std::f64::consts::PI * (self.gap * lens.pupil_slope()).powi(2)).max(blur)
     }
 }
 

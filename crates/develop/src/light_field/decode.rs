@@ -56,14 +56,14 @@ struct Sums {
 
 impl Decoder<'_> {
     /// Camera channels of a picture. `f_number`: that of the shot. Fails on settings that this light field cannot give: a place outside the
-    /// pupil, a view with an aperture beside it, an aperture wider than that of the shot, a focus nearer than the lens can image.
+    /// pupil, a view with an aperture beside it, an aperture wider than that of the shot or smaller than a pixel, a focus nearer than the lens can image.
     pub fn picture(&self, settings: &Settings, f_number: f64) -> Result<Planes, RecipeError> {
         self.field.check(settings, f_number)?;
         let focus = Focus::parse(&settings.focus).unwrap_or(Focus::AsTaken);
         let through = match (settings.view, settings.aperture) {
             // The film's picture is upside down: light through the right of the pupil comes from the left in it.
             (Some([x, y]), _) => Through::View(-Vec2::new(x as f32, y as f32), self.view_width()),
-            (None, Some(n)) => Through::Disk((f_number / n).max(1.0 / self.field.radius_px) as f32),
+            (None, Some(n)) => Through::Disk((f_number / n) as f32),
             (None, None) => Through::Disk(1.0),
         };
         let planes = match focus {
@@ -173,7 +173,28 @@ impl Decoder<'_> {
             // Views hold detail finer than their pixels; taken between pixels it would look smoother, and so more alike, than on them.
             smoothed(&grey, self.field.size[0], 0.8)
         };
-        places.into_iter().zip(self.gather_all(&views, 0.0).into_iter().map(grey)).collect()
+        let middles = places.iter().map(|place| self.middle_of_view(*place));
+        middles.zip(self.gather_all(&views, 0.0).into_iter().map(grey)).collect()
+    }
+
+    /// Where in the pupil the light of a view about a place comes from on average: beyond the edge there is none, so views there are seen from farther inside.
+    fn middle_of_view(&self, place: Vec2) -> Vec2 {
+        /// Places across the pupil, and across a pixel, that are tried.
+        const ACROSS: usize = 64;
+        const WITHIN: usize = 4;
+        let radius_px = self.field.radius_px as f32;
+        let middle_of = |i: usize, n: usize| (2.0 * i as f32 + 1.0) / n as f32 - 1.0;
+        let grid = |n: usize| (0..n * n).map(move |i| Vec2::new(middle_of(i % n, n), middle_of(i / n, n)));
+        let (mut sum, mut total) = (Vec2::ZERO, 0.0);
+        for q in grid(ACROSS).filter(|q| q.length_squared() <= 1.0) {
+            // The pixel that light arrives on counts by its middle.
+            let taken =
+                |within: Vec2| weights(Through::View(place, self.view_width()), q + within * (0.5 / radius_px), radius_px).0;
+            let weight: f32 = grid(WITHIN).map(taken).sum();
+            sum += q * weight;
+            total += weight;
+        }
+        if total > 0.0 { sum / total } else { place }
     }
 
     /// Shifts that depth is looked for at: from infinity to where neighbouring pixels of the mosaic are shifted by a pixel.

@@ -258,7 +258,7 @@ impl Shot {
 
     /// How much brighter the images of the pupil behind microlenses are than the film would be, EV; 0 without.
     pub(super) fn gathered_ev(&self) -> f64 {
-        let fraction = self.camera.film.microlenses.map(|m| m.concentration(self.camera.lens.pupil_slope()));
+        let fraction = self.camera.film.microlenses.map(|m| m.concentration(&self.camera.lens));
         fraction.map_or(0.0, |s| s.log2().max(0.0))
     }
 
@@ -362,6 +362,11 @@ impl Shot {
         if k == 0 {
             self.bracket_from = Some((self.facts.t_number, self.shutter));
             let longest = self.shutter().exposure_s * most.exp2();
+            if vary == Vary::Time && self.facts.flash {
+                warn(
+                    "a flash gives as much light at any exposure time: what it lights is alike in all pictures; in mode S the aperture varies",
+                );
+            }
             if vary == Vary::Time && !(longest <= LONGEST_S) {
                 let expected = "fewer pictures or smaller steps: none of over a year";
                 return Err(value("bracket", format!("a picture of {longest:.3e} s"), expected));

@@ -70,7 +70,7 @@ pub(super) fn warn_of_pupils(camera: &Camera, warn: &mut dyn FnMut(&str)) {
             "the pupil's images behind the microlenses are {across:.1} pixels across: there is hardly anything to refocus"
         ));
     }
-    let fraction = array.concentration(camera.lens.pupil_slope());
+    let fraction = array.concentration(&camera.lens);
     if fraction < 0.6 {
         warn(&format!(
             "the pupil's images behind neighbouring microlenses overlap: the lens is opened wider than f/{:.1}, which they match",
