@@ -32,7 +32,8 @@ impl Shot {
     pub(super) fn settings_hash(&self) -> String {
         let mut file = self.file.clone();
         self.write_resolved(&mut file);
-        file.camera.serial = None;
+        // Of the read-out alone.
+        (file.camera.serial, file.camera.color_sampling) = (None, None);
         let all = toml::Table::try_from(&file).unwrap_or_default();
         let mut hash = Fnv::new();
         for section in ["scene", "camera", "shutter", "flash", "render"] {
