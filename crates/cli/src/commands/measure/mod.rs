@@ -8,7 +8,7 @@ mod report;
 mod resolution;
 mod rolling;
 
-use super::{print_json, read_raw};
+use super::{named_once, print_json, read_raw};
 use crate::args::{List, MeasureThroughLens, MeasureVerb, MeasuredChannel, PictureEncoding};
 use crate::watch::say;
 use crate::{UsageError, paint};
@@ -283,6 +283,8 @@ fn photon_transfer(
             UsageError(anyhow!("{found}: expected pairs, two raw files of each exposure: A1.dng B1.dng A2.dng B2.dng")).into()
         );
     }
+    // A picture that counts twice has no noise of its own.
+    named_once(files)?;
     let outputs = paint::prepare(output)?;
     let pairs =
         files.chunks_exact(2).map(|two| Ok((read_raw(&two[0])?, read_raw(&two[1])?))).collect::<anyhow::Result<Vec<_>>>()?;
@@ -327,6 +329,9 @@ fn photon_transfer(
             s.iso
         )?;
     }
+    if pairs.len() == 1 {
+        writeln!(t, "  one pair: noise of the read-out counts as that of photons; a dark pair beside it tells them apart")?;
+    }
     for c in &found {
         if let Some(offset) = c.dark_offset_dn {
             writeln!(
@@ -339,8 +344,9 @@ fn photon_transfer(
     writeln!(t, "  {:<8} {:>11} {:>13} {:>9}", "", "signal DN", "variance DN²", "SNR dB")?;
     for c in &found {
         for p in &c.pairs {
-            let snr = 20.0 * p.snr.max(1e-9).log10();
-            writeln!(t, "  {:<8} {:>11.2} {:>13.3} {snr:>9.2}", c.channel, p.signal_dn, p.variance_dn2)?;
+            // Of a dark pair there is no signal.
+            let snr = if p.snr > 1e-6 { format!("{:.2}", 20.0 * p.snr.log10()) } else { "-".to_owned() };
+            writeln!(t, "  {:<8} {:>11.2} {:>13.3} {snr:>9}", c.channel, p.signal_dn, p.variance_dn2)?;
         }
     }
     let figure = || {
