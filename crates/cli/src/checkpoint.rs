@@ -223,13 +223,8 @@ impl Taken {
     }
 }
 
-/// Of the files that the pictures of a series are for: the first that has a checkpoint.
-pub fn first_kept(files: &[PathBuf]) -> Option<usize> {
-    files.iter().position(|file| beside(file).exists())
-}
-
 /// The name of a checkpoint: that of the output with an ending, cut where file systems do not take so many bytes.
-fn beside(output: &Path) -> PathBuf {
+pub fn beside(output: &Path) -> PathBuf {
     let name = output.file_name().unwrap_or_default().to_string_lossy();
     output.with_file_name(parts::cut(&name) + ".checkpoint")
 }

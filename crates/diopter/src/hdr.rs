@@ -8,7 +8,7 @@
 //! the noise of the longest exposure: numbers are rounded up or down by chance, so that means stay what they are (non-subtractive dither, Lipshitz, Wannamaker &
 //! Vanderkooy 1992), and the noise profile says what that costs.
 
-use diopter_image::{ExposureFacts, Raster, RawImage};
+use diopter_image::{ExposureFacts, MergedFacts, Raster, RawImage};
 use diopter_light::random::{mix, to_unit};
 
 /// Fraction of the range above which a pixel counts as full.
@@ -38,7 +38,7 @@ fn light(raw: &RawImage) -> f64 {
         _ => 1.0,
     };
     let time = f.shutter.as_ref().map_or(f.exposure_s, |s| s.effective_s);
-    time / (stop * stop) * (-f.nd_stops).exp2() * f.merged_scale.unwrap_or(1.0)
+    time / (stop * stop) * (-f.nd_stops).exp2() * f.merged.map_or(1.0, |merged| merged.scale)
 }
 
 /// Light that a picture's numbers stand for beside another's, by the electrons that saturate a pixel: those of its noise profile where all pictures have one, else by the ISO speed, which cameras keep to within a tenth or two.
@@ -47,8 +47,8 @@ fn exposures(raws: &[RawImage]) -> Vec<f64> {
     let of_noise = |raw: &RawImage| {
         let all = &raw.header.noise;
         let mean = all.iter().map(|noise| noise[0]).sum::<f64>() / all.len() as f64;
-        // What is a mean of several has less noise than its electrons.
-        (mean > 0.0 && raw.header.facts.merged_scale.is_none()).then_some(mean)
+        // What is a mean of several has less noise than its electrons: beside it the ISO speed tells.
+        (mean > 0.0 && raw.header.facts.merged.is_none()).then_some(mean)
     };
     let gains = if same_speed { None } else { raws.iter().map(of_noise).collect::<Option<Vec<f64>>>() };
     let gains = gains.unwrap_or_else(|| raws.iter().map(|raw| raw.header.facts.iso.max(1.0)).collect());
@@ -81,6 +81,10 @@ pub fn extra_range_ev(raws: &[RawImage], merged: &RawImage) -> Option<f64> {
 
 /// How much longer than the mean a pixel was open: rows of a shutter with a reset of all at once are not open for the same time.
 fn share_of_time(raw: &RawImage, column: usize, row: usize) -> f64 {
+    // What is merged says what all of its pixels saw in the same time.
+    if raw.header.facts.merged.is_some() {
+        return 1.0;
+    }
     let Some(s) = raw.header.facts.shutter.as_ref().filter(|s| s.effective_s > 0.0 && s.kind == "rolling") else { return 1.0 };
     let (open, close) = s.rows.of(if s.rows.columns { column } else { row });
     ((close - open) / s.effective_s).max(1e-6)
@@ -156,13 +160,16 @@ pub fn merge(raws: &[RawImage]) -> Result<RawImage, HdrError> {
     let mut order: Vec<(&RawImage, f64)> = raws.iter().zip(exposures.iter().copied()).collect();
     order.sort_by(|a, b| b.1.total_cmp(&a.1));
     let shortest = order[order.len() - 1].1;
-    let meant = meant_exposure(raws, &exposures);
+    // A merged picture is brighter than its numbers are.
+    let brightened = |raw: &RawImage| raw.header.facts.merged.map_or(0.0, |merged| merged.brightened_ev);
+    let shown: Vec<f64> = raws.iter().zip(&exposures).map(|(raw, exposure)| exposure * brightened(raw).exp2()).collect();
+    let meant = meant_exposure(raws, &shown);
     // The exposure that is told is the one nearest to its brightness.
-    let off = |exposure: f64| (exposure / meant).ln().abs();
+    let off = |(raw, exposure): (&RawImage, f64)| (exposure * brightened(raw).exp2() / meant).ln().abs();
     let (told, told_exposure) = order
         .iter()
         .rev()
-        .fold(order[order.len() - 1], |near, other| if off(other.1) < off(near.1) * (1.0 - 1e-9) { *other } else { near });
+        .fold(order[order.len() - 1], |near, other| if off(*other) < off(near) * (1.0 - 1e-9) { *other } else { near });
 
     let channels = first.header.cfa.channel_count();
     // Of each picture: factor on its signal, and noise (a signal + b) for each channel.
@@ -208,10 +215,12 @@ pub fn merge(raws: &[RawImage]) -> Result<RawImage, HdrError> {
         *to = (BLACK + f64::from(light) * (WHITE - BLACK) + chance).floor().clamp(0.0, WHITE) as u16;
     }
     let mut header = told.header.clone();
-    header.facts.merged_scale = Some(told.header.facts.merged_scale.unwrap_or(1.0) * shortest / told_exposure);
+    let scale = told.header.facts.merged.map_or(1.0, |merged| merged.scale) * shortest / told_exposure;
+    let brightened_ev = (meant / shortest).log2();
+    header.facts.merged = Some(MergedFacts { scale, brightened_ev });
     header.noise = (0..channels).map(|c| noise_of_mean(parts.iter().map(|(scale, noise)| (*scale, noise[c])))).collect();
     (header.bits, header.black_level, header.white_level) = (16, BLACK, WHITE);
-    header.baseline_ev += (meant / shortest).log2();
+    header.baseline_ev += brightened_ev - brightened(told);
     Ok(RawImage { mosaic, header })
 }
 
@@ -318,12 +327,19 @@ mod tests {
         let once = merge(&raws).unwrap();
         assert_eq!(once.header.facts.exposure_s, 0.01);
         let light =
-            |raw: &RawImage| statistics(raw).0 / raw.header.facts.exposure_s / raw.header.facts.merged_scale.unwrap_or(1.0);
+            |raw: &RawImage| statistics(raw).0 / raw.header.facts.exposure_s / raw.header.facts.merged.map_or(1.0, |m| m.scale);
         assert!((light(&once) / light(&raws[2]) - 1.0).abs() < 0.01, "{} {}", light(&once), light(&raws[2]));
         for more in &raws {
             let again = merge(&[once.clone(), more.clone()]).unwrap();
             assert!((light(&again) / light(&once) - 1.0).abs() < 0.01, "{} {}", light(&again), light(&once));
         }
+        // As bright as both, with the middle picture, in a developed picture.
+        let brightness = |raw: &RawImage| statistics(raw).0 * raw.header.baseline_ev.exp2();
+        let again = merge(&[once.clone(), raws[1].clone()]).unwrap();
+        for one in [&raws[1], &once] {
+            assert!((brightness(&again) / brightness(one) - 1.0).abs() < 0.01, "{} {}", brightness(&again), brightness(one));
+        }
+        assert_eq!(again.header.facts.exposure_s, 0.01);
         let refused = |change: &dyn Fn(&mut ExposureFacts)| {
             let mut raws = raws.clone();
             raws.iter_mut().for_each(|raw| (raw.header.facts.scene, raw.header.facts.lens) = ("a".into(), "l".into()));

@@ -156,9 +156,8 @@ pub fn bytes_a_pixel(bands: usize) -> usize {
 
 /// Even and odd samples that a plane holds: those of the first half exposure, and of the second.
 fn halves_of(facts: &ExposureFacts) -> [f64; 2] {
-    let [odd, all] =
-        facts.ranges().iter().fold([0, 0], |[odd, all], [first, end]| [odd + end / 2 - first / 2, all + end - first]);
-    [f64::from(all - odd), f64::from(odd)]
+    let odd = facts.ranges().iter().map(|[first, end]| u64::from(end / 2 - first / 2)).sum::<u64>() as f64;
+    [f64::from(facts.samples) - odd, odd]
 }
 
 /// What the mean and the half difference of a part count for in the half difference of the whole, by their numbers of even and odd samples: that is half of what the means of all even and of all odd samples differ by. Of
@@ -280,6 +279,11 @@ impl<S: FocalPlaneSource> Merged<S> {
             if !differences.is_empty() {
                 return mismatch(format!("they are not of one picture: they differ in {}", differences.join(", ")));
             }
+        }
+        let mut settings: Vec<&str> = parts.iter().map(|p| p.facts().settings_hash.as_str()).filter(|s| !s.is_empty()).collect();
+        settings.dedup();
+        if settings.len() > 1 {
+            return mismatch("they are not of one picture: settings of scene, camera or paths differ".into());
         }
         let mut ranges: Vec<[u32; 2]> =
             parts.iter().flat_map(|p| p.facts().ranges()).filter(|[first, end]| first < end).collect();
@@ -421,7 +425,7 @@ mod tests {
         assert!(FocalPlane::merge(&[a.clone(), b.clone()]).is_ok());
         a.facts.settings_hash = "2".into();
         let told = FocalPlane::merge(&[a, b]).unwrap_err().to_string();
-        assert!(told.contains("where the camera stands"), "{told}");
+        assert!(told.contains("where it stands"), "{told}");
     }
 
     #[test]

@@ -93,9 +93,9 @@ pub struct ExposureFacts {
     /// not known.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub settings_hash: String,
-    /// Of a picture merged of several exposures: light that its numbers stand for, over that of the exposure that these facts tell. `None` of others.
+    /// Of a picture merged of several exposures; `None` of others.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub merged_scale: Option<f64>,
+    pub merged: Option<MergedFacts>,
     /// Whether the renderer's noise was reduced: the mean is then an estimate, no longer the truth within its variance.
     pub denoised: bool,
     /// Fraction of all light that re-weighting of outliers (fireflies) took away: the bias of the mean. `None` where every sample counts as it is.
@@ -114,6 +114,9 @@ pub struct ExposureFacts {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub light_field: Option<LightFieldFacts>,
 }
+
+/// Relative difference of numbers that are the same but for how they were computed.
+const SAME: f64 = 1e-9;
 
 impl ExposureFacts {
     /// ISO speed of a picture, or the one set for an exposure that has not been read out; `None` where neither is known.
@@ -148,10 +151,15 @@ impl ExposureFacts {
     }
 
     /// Which samples of each pixel it holds: first and first that is none of them, range by range.
+    ///
+    /// Ranges that a file says are believed where they rise and hold as many samples as it says.
     pub fn ranges(&self) -> Vec<[u32; 2]> {
-        match self.sample_ranges.is_empty() {
-            true => vec![[self.first_sample, self.first_sample.saturating_add(self.samples)]],
-            false => self.sample_ranges.clone(),
+        let ranges = &self.sample_ranges;
+        let rises = ranges.iter().flatten().is_sorted_by(|a, b| a < b);
+        let all: u64 = ranges.iter().map(|[first, end]| u64::from(end.saturating_sub(*first))).sum();
+        match !ranges.is_empty() && rises && all == u64::from(self.samples) {
+            true => ranges.clone(),
+            false => vec![[self.first_sample, self.first_sample.saturating_add(self.samples)]],
         }
     }
 
@@ -167,16 +175,37 @@ impl ExposureFacts {
         names.sort_unstable();
         names.dedup();
         let none = serde_json::Value::Null;
+        // Lengths that were written and read again, or found anew.
+        let same = |a: &serde_json::Value, b: &serde_json::Value| match (a.as_f64(), b.as_f64()) {
+            (Some(x), Some(y)) => a == b || (x - y).abs() <= SAME * x.abs().max(y.abs()),
+            _ => a == b,
+        };
         let differs = |name: &String| {
             let [a, b] = [&a, &b].map(|facts| facts.get(name).unwrap_or(&none));
-            match name == "settings_hash" {
-                true if a.is_null() || b.is_null() || a == b => None,
-                true => Some("where the camera stands, how the scene is lit or how paths are followed".to_owned()),
-                false => (a != b).then(|| format!("{} ({a} and {b})", name.replace('_', " "))),
+            let told = name.replace('_', " ");
+            match name.as_str() {
+                "settings_hash" if a.is_null() || b.is_null() || a == b => None,
+                "settings_hash" => {
+                    Some("settings of scene, camera or paths (where it stands, how the scene is lit ...)".to_owned())
+                }
+                "seed" if a == b => None,
+                _ if name != "seed" && same(a, b) => None,
+                _ if a.is_object() || b.is_object() || a.is_array() || b.is_array() => Some(told),
+                _ => Some(format!("{told} ({a} and {b})")),
             }
         };
         names.into_iter().filter_map(differs).collect()
     }
+}
+
+/// What the numbers of a picture are that was merged of several exposures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct MergedFacts {
+    /// Light that they stand for, over that of the exposure that the facts tell.
+    pub scale: f64,
+    /// How much brighter than its numbers the picture is to be shown, of what its body asks for, EV.
+    pub brightened_ev: f64,
 }
 
 /// A microlens array and the lens before it: what it takes to decode a raw light field.

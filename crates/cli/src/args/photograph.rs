@@ -75,7 +75,7 @@ pub struct Taking {
     /// of exposures above a minute.
     #[arg(long, value_name = "TIME|off", value_parser = checkpoint, help_heading = "Rendering")]
     pub checkpoint: Option<Checkpoint>,
-    /// Go on from this exposure's checkpoint, and fail if there is none; without, it goes on if there is one. Pictures of a series that are there are kept.
+    /// Go on from this exposure's checkpoint, and fail if there is none; without, it goes on if there is one. Of a series it keeps the pictures that are there; those that are to be joined only as .dng files.
     #[arg(long, help_heading = "Rendering")]
     pub resume: bool,
     /// Begin anew even if there is a checkpoint.

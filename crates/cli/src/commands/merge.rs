@@ -47,7 +47,8 @@ pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
     let parts = if whole.parts() == 1 { "1 part".to_owned() } else { format!("{} parts", whole.parts()) };
     say(&format!("{parts}, {} samples a pixel{missing}\nwrote {}", facts.samples, path.display()));
     if json {
-        print_json(&serde_json::json!({ "files": [path], "facts": facts, "samples": [facts.first_sample, end] }))?;
+        let samples = if ranges.len() > 1 { serde_json::json!(ranges) } else { serde_json::json!([facts.first_sample, end]) };
+        print_json(&serde_json::json!({ "files": [path], "facts": facts, "samples": samples }))?;
     }
     Ok(())
 }

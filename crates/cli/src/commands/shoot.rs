@@ -2,7 +2,7 @@
 
 use super::exposure_summary::{display, say_ambient, setting};
 use super::series_calibration::SeriesCalibration;
-use super::{print_json, read_raw, stack};
+use super::{PlaneFile, print_json, read_raw, stack};
 use crate::args::Shoot;
 use crate::checkpoint;
 use crate::effect;
@@ -15,7 +15,8 @@ use anyhow::anyhow;
 use diopter::calibration::Format as CalibrationFormat;
 use diopter::focus::Report;
 use diopter::hdr;
-use diopter::image::RawImage;
+use diopter::image::focal_plane::FocalPlaneSource;
+use diopter::image::{ExposureFacts, RawImage};
 use diopter::lens::draw::{Axis, Chart, Color, Figure, Line, Style};
 use diopter::sensor::{ColorSampling, ReadOut};
 use diopter::shot::setting::Setting;
@@ -123,18 +124,17 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     // A picture that is only joined or looked at has no file of its own: its checkpoint takes the name of what it goes into.
     let main = pictures.first().or(args.keep_plane.as_ref()).or(args.merge.first()).or(args.stack.first());
     let kept_beside: Vec<PathBuf> = main.map(named).unwrap_or_default();
-    // A series goes on where it was stopped: at its checkpoint, or, stopped between two pictures, at the first that is not there.
-    let at_checkpoint = checkpoint::first_kept(&kept_beside).filter(|_| args.taking.resume && count > 1);
+    // A series goes on with the pictures that are not there, or have a checkpoint. Pictures that are joined must be there as they were read out.
+    let resumes = args.taking.resume && count > 1;
+    let has_checkpoint = |k: usize| kept_beside.get(k).is_some_and(|file| checkpoint::beside(file).exists());
     let files_of = |k: usize| of_frame(k).into_iter().chain(planes.get(k).cloned()).chain(truths.get(k).cloned());
     let is_there = |k: usize| files_of(k).count() > 0 && files_of(k).all(|file| file.is_file());
-    let goes_on_at = match args.taking.resume && count > 1 {
-        true => at_checkpoint.unwrap_or_else(|| (0..count).take_while(|k| is_there(*k)).count()),
-        false => 0,
-    };
     let raw_of = |k: usize| of_frame(k).into_iter().find(|file| matches!(output::kind(file), Ok(Kind::Dng)));
     let is_joined = !args.merge.is_empty() || !args.stack.is_empty();
     let only_raws_are_joined = !args.merge.iter().chain(&args.stack).any(|p| output::kind(p).is_ok_and(Kind::is_looked_at));
-    let was_taken = |k: usize| k < goes_on_at && is_there(k) && (!is_joined || only_raws_are_joined && raw_of(k).is_some());
+    let can_be_kept = |k: usize| files_of(k).count() > 0 && (!is_joined || only_raws_are_joined && raw_of(k).is_some());
+    let was_taken = |k: usize| resumes && can_be_kept(k) && is_there(k) && !has_checkpoint(k);
+    let has_begun = (0..count).any(|k| was_taken(k) || resumes && has_checkpoint(k));
     // The first proves that the others can be written; thousands are not opened at once.
     let mut ready = (!was_taken(0)).then(|| prepare(0)).transpose()?;
     let merged_file = (!args.merge.is_empty()).then(|| output::prepare_pictures(&args.merge)).transpose()?;
@@ -210,20 +210,6 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
                 }
             })?;
         }
-        if was_taken(k) {
-            if is_joined && let Some(file) = raw_of(k) {
-                raws.push(read_raw(&file)?);
-            }
-            let files: Vec<String> = files_of(k).map(|file| file.display().to_string()).collect();
-            say(&format!("{}: there from before", files.join(", ")));
-            size = [shot.camera.film.columns, shot.camera.film.rows];
-            all_facts.push(shot.facts());
-            continue;
-        }
-        let (pictures, plane_file, truth_file) = match ready.take() {
-            Some(files) => files,
-            None => prepare(k)?,
-        };
         if !calibrations.is_empty() {
             let unnamed = || named(&PathBuf::from("photo.jpg")).swap_remove(k);
             let picture = names.first().map_or_else(unnamed, |n| n[k].clone()).display().to_string();
@@ -241,9 +227,24 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
             all_facts.push(shot.facts());
             continue;
         }
+        if was_taken(k)
+            && let Some((facts, raw)) = there_from_before(&shot, raw_of(k).as_deref(), planes.get(k).map(PathBuf::as_path))?
+        {
+            raws.extend(raw.filter(|_| is_joined));
+            let files: Vec<String> = files_of(k).map(|file| file.display().to_string()).collect();
+            say(&format!("{}: there from before", files.join(", ")));
+            size = [shot.camera.film.columns, shot.camera.film.rows];
+            written.extend(files_of(k));
+            all_facts.push(facts);
+            continue;
+        }
+        let (pictures, plane_file, truth_file) = match ready.take() {
+            Some(files) => files,
+            None => prepare(k)?,
+        };
         let begun = Instant::now();
         let what = if count > 1 { "exposing (each)" } else { "exposing" };
-        let must = args.taking.resume && (count == 1 || goes_on_at == 0 && k == 0 || at_checkpoint == Some(k));
+        let must = args.taking.resume && (count == 1 || !has_begun && k == 0);
         let taken = checkpoint::expose(&shot, &args.taking, kept_beside.get(k).map(PathBuf::as_path), what, must)?;
         let plane = &taken.exposed.plane;
         let seconds = begun.elapsed().as_secs_f64();
@@ -288,13 +289,14 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         if joined_is_looked_at.contains(&true) {
             clean.extend(denoised);
         }
-        let kept = if count > 1 { ", with --resume without taking again what is there" } else { "" };
-        stopped = taken.finish().map(|how| how + kept);
+        stopped = taken.finish();
         if stopped.is_none() && k + 1 < count && watch::stopping() {
-            stopped =
-                Some(format!("stopped after {} of {count} pictures; the same command with --resume takes the others", k + 1));
+            stopped = Some(format!("stopped after {} of {count} pictures", k + 1));
         }
-        if stopped.is_some() {
+        if let Some(how) = &mut stopped {
+            if count > 1 && can_be_kept(k) {
+                how.push_str("; --resume keeps the pictures that are whole and takes the others");
+            }
             break;
         }
     }
@@ -340,6 +342,47 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         print_json(&result)?;
     }
     stopped.map_or(Ok(()), |how| Err(Stopped(how).into()))
+}
+
+/// The facts of a picture that is there from before, and the raw image where its file is one; `None` where it has fewer samples than are asked for. Fails where it is of
+/// another picture than the shot takes now. Files that keep no facts are believed.
+fn there_from_before(
+    shot: &Shot,
+    raw_file: Option<&Path>,
+    plane_file: Option<&Path>,
+) -> anyhow::Result<Option<(ExposureFacts, Option<RawImage>)>> {
+    let raw = raw_file.map(read_raw).transpose()?;
+    let facts = match (&raw, plane_file) {
+        (Some(raw), _) => Some(raw.header.facts.clone()),
+        (None, Some(path)) => Some(PlaneFile::open(path)?.facts().clone()),
+        (None, None) => None,
+    };
+    let now = shot.facts();
+    if let (Some(facts), Some(file)) = (&facts, raw_file.or(plane_file)) {
+        let picture = |f: &ExposureFacts| ExposureFacts {
+            scene: f.scene.clone(),
+            body: f.body.clone(),
+            lens: f.lens.clone(),
+            settings_hash: f.settings_hash.clone(),
+            focal_length_mm: f.focal_length_mm,
+            f_number: f.f_number,
+            exposure_s: f.exposure_s,
+            focus_distance_m: f.focus_distance_m,
+            at_s: f.at_s,
+            seed: f.seed,
+            ..ExposureFacts::default()
+        };
+        let differences = picture(facts).differences(&picture(&now));
+        if !differences.is_empty() {
+            let (file, differences) = (file.display(), differences.join(", "));
+            let wrong = anyhow!("--resume: {file} is another picture, by {differences}; without --resume all are taken again");
+            return Err(UsageError(wrong).into());
+        }
+        if shot.settings.time_limit_s.is_none() && (facts.samples as usize) < shot.settings.samples.len() {
+            return Ok(None);
+        }
+    }
+    Ok(Some((facts.unwrap_or(now), raw)))
 }
 
 /// Whether fireflies are re-weighted: as asked; else in pictures, but not where the same light is also written as an exposure (DNG, EXR, focal plane,

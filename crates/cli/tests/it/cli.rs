@@ -1129,15 +1129,22 @@ fn a_stopped_series_goes_on_with_the_pictures_that_are_not_there() {
         diopter::image::dng::read(std::io::BufReader::new(file)).unwrap().mosaic.data
     };
     f.ok(&args);
-    let [first, merged] = ["b-001.dng", "m.dng"].map(|name| f.read(name));
+    let first = f.read("b-001.dng");
     let whole = mosaic("m.dng");
     // Stopped after the first picture.
     let remove = |names: &[&str]| names.iter().for_each(|name| std::fs::remove_file(f.path(name)).unwrap());
     remove(&["b-002.dng", "b-003.dng", "m.dng"]);
-    let output = f.ok(&[&args[..], &["--resume"]].concat());
+    let output = f.ok(&[&args[..], &["--resume", "--json", "-o", "c.json"]].concat());
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((json["files"].as_array().unwrap().len(), &json["frames"][0]["samples"]), (5, &serde_json::json!(2)));
+    let calibration = String::from_utf8(f.read("c.json")).unwrap();
+    assert!(["b-001", "b-002", "b-003"].iter().all(|name| calibration.contains(name)), "{calibration}");
     assert!(told.contains("b-001.dng: there from before") && !told.contains("b-002.dng: there"), "{told}");
-    assert!(f.read("b-001.dng") == first && mosaic("m.dng") == whole && !merged.is_empty());
+    assert!(f.read("b-001.dng") == first && mosaic("m.dng") == whole);
+    // Not with those of another picture.
+    let (code, message) = f.fails(&[&args[..], &["--resume", "--look-from", "0,1,3"]].concat());
+    assert!(code == 2 && message.contains("b-001.dng is another picture"), "{message}");
     // Where nothing was begun, there is nothing to go on from.
     remove(&["b-001.dng", "b-002.dng", "b-003.dng", "m.dng"]);
     let (code, message) = f.fails(&[&args[..], &["--resume"]].concat());
@@ -1162,9 +1169,10 @@ fn parts_of_other_pictures_and_samples_that_are_there_are_not_merged() {
     part("0..16", "once.exr", &[]);
     let [merged, once] = ["whole.exr", "once.exr"].map(|name| read_plane_of(&f, name));
     assert!(merged.iter().zip(&once).all(|(a, b)| (a - b).abs() <= 1e-5 * b.abs().max(1e-3)));
-    for (more, told) in
-        [(&["--look-from", "0,1,3"][..], "where the camera stands"), (&["--max-depth", "2"], "how paths are followed")]
-    {
+    for (more, told) in [
+        (&["--look-from", "0,1,3"][..], "settings of scene, camera or paths"),
+        (&["--max-depth", "2"], "settings of scene, camera or paths"),
+    ] {
         part("5..12", "other.exr", more);
         let (code, message) = f.fails(&["merge", "a.exr", "other.exr", "-o", "x.exr"]);
         assert!(code == 2 && message.contains(told), "{message}");

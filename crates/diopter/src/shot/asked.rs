@@ -195,7 +195,11 @@ pub(super) fn check_camera(file: &ShotFile, camera: &Camera, warn: &mut dyn FnMu
         return Err(value("plenoptic", "a microlens array", "no quick look: it has no light field"));
     }
     if render.quick && camera.film.center_mm != [0.0; 2] {
-        return Err(value("shift", "a lens that is shifted", "no quick look: its blur is centred on the picture"));
+        let found = match c.shift_mm {
+            Some(_) => "a lens that is shifted",
+            None => "the scene's camera, which sees beside its axis",
+        };
+        return Err(value("shift", found, "no quick look, or --shift 0: its blur is centred on the picture"));
     }
     if render.quick && quick_look::is_bent(camera) {
         warn("a quick look keeps straight lines straight: how this lens bends them is not shown");

@@ -6,43 +6,55 @@ use crate::checkpoint::Fnv;
 use crate::expose::{Integrator, ProgressReporter, Settings, expose};
 use diopter_image::ExposureFacts;
 
-/// Takes the folders away from whatever may be a path.
-fn without_folders(value: &mut toml::Value) {
-    match value {
-        toml::Value::String(text) => {
-            if let Some(at) = text.rfind(['/', '\\']) {
-                *text = text.split_off(at + 1);
-            }
-        }
-        toml::Value::Array(all) => all.iter_mut().for_each(without_folders),
-        toml::Value::Table(all) => all.iter_mut().for_each(|(_, value)| without_folders(value)),
-        _ => (),
-    }
-}
-
 /// Pixels across the small exposure that stands for what the scene looks like.
 const COLUMNS: usize = 64;
 
 /// Settings of `[render]` that decide the light, not how much of its noise is left.
-const OF_LIGHT: [&str; 5] = ["max_depth", "sampler", "stray", "diffraction", "quick"];
+const OF_LIGHT: [&str; 6] = ["max_depth", "sampler", "stray", "diffraction", "quick", "polarized"];
+
+/// Settings that may be paths: their files count by name, for they may lie in another folder of another machine.
+const PATHS: [&str; 7] = ["file", "light", "environment", "body", "lens", "calibration", "aperture_image"];
+
+/// Settings that decide no light: warnings, labels, and the read-out.
+const NOT_OF_LIGHT: [&str; 4] = ["strict", "classes", "serial", "color_sampling"];
 
 impl Shot {
-    /// Stands for what is set of scene, camera, shutter and flash, and how paths are followed, whether it was said or is the default ([`ExposureFacts::settings_hash`]). Files
-    /// count by their names, in whichever folder they lie.
+    /// Stands for what is set of scene, camera, shutter and flash, and how paths are followed ([`ExposureFacts::settings_hash`]): as it was said, and what
+    /// [`Shot::write_resolved`] writes of what was not. Empty where it cannot be told.
     pub(super) fn settings_hash(&self) -> String {
         let mut file = self.file.clone();
         self.write_resolved(&mut file);
-        // Of the read-out alone.
-        (file.camera.serial, file.camera.color_sampling) = (None, None);
-        let all = toml::Table::try_from(&file).unwrap_or_default();
+        // More than TOML's integers hold; it is a fact of its own.
+        file.render.seed = None;
+        let c = &mut file.camera;
+        let views = &self.scene.description().cameras;
+        let view = c
+            .viewpoint
+            .as_ref()
+            .and_then(|named| views.iter().find(|v| v.name == *named).or_else(|| views.get(named.parse::<usize>().ok()?)));
+        if let Some(view) = view {
+            c.viewpoint = Some(view.name.clone());
+        }
+        if c.look_from.is_none() && c.look_at.is_none() && c.path.is_empty() {
+            c.up = None;
+        }
+        let Ok(all) = toml::Table::try_from(&file) else { return String::new() };
         let mut hash = Fnv::new();
         for section in ["scene", "camera", "shutter", "flash", "render"] {
             let Some(toml::Value::Table(mut settings)) = all.get(section).cloned() else { continue };
-            settings.retain(|name, _| section != "render" || OF_LIGHT.contains(&name));
-            let mut value = toml::Value::Table(settings);
-            without_folders(&mut value);
-            format!("{section} {value}").bytes().for_each(|byte| hash.add(u64::from(byte)));
+            settings.retain(|name, _| !NOT_OF_LIGHT.contains(&name) && (section != "render" || OF_LIGHT.contains(&name)));
+            for (name, value) in settings.iter_mut() {
+                if let toml::Value::String(path) = value
+                    && PATHS.iter().any(|path| path == name)
+                    && let Some(at) = path.rfind(['/', '\\'])
+                {
+                    *path = path.split_off(at + 1);
+                }
+            }
+            let settings = toml::Value::Table(settings);
+            format!("{section} {settings}").bytes().for_each(|byte| hash.add(u64::from(byte)));
         }
+        hash.add(u64::from(self.lens_cap));
         format!("{:016x}", hash.finish())
     }
 

@@ -124,12 +124,22 @@ pub(super) fn film(file: &ShotFile, sensor: &Sensor, view: Option<&Viewpoint>) -
     })
 }
 
+/// Whether the shot looks through the scene's camera from where that stands.
+fn looks_through(c: &CameraSection) -> bool {
+    c.look_from.is_none() && c.look_at.is_none() && c.path.is_empty() && c.calibration.is_none()
+}
+
+/// Whether its lens is that of the scene's camera, or an ideal one in its place.
+fn is_of_view(c: &CameraSection) -> bool {
+    matches!(c.lens.as_deref(), None | Some("thin" | "pinhole")) && c.orthographic.is_none()
+}
+
 /// How far the lens is moved against the film, mm: as the shot says, else as the camera of the scene that it looks through.
 fn shift(c: &CameraSection, view: Option<&Viewpoint>, film_mm: [f64; 2]) -> Result<[f64; 2], ShotError> {
     let diagonal_mm = film_mm[0].hypot(film_mm[1]);
     let Some(shift) = c.shift_mm else {
-        let looks_through = c.look_from.is_none() && c.look_at.is_none() && c.path.is_empty() && c.calibration.is_none();
-        return Ok(view.filter(|_| looks_through).map_or([0.0; 2], |v| v.film.shift.map(|heights| heights * film_mm[1])));
+        let shift = view.filter(|_| looks_through(c) && is_of_view(c)).map_or([0.0; 2], |v| v.film.shift);
+        return Ok(shift.map(|heights| heights * film_mm[1]));
     };
     match shift.iter().all(|s| s.abs() <= diagonal_mm) {
         true => Ok(shift),

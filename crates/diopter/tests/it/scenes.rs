@@ -217,6 +217,7 @@ fn cropped_and_shifted_films_show_the_same_pixels() {
     // Of pbrt's 16:9, 36 mm wide.
     assert!((x - 0.75 * 20.25).abs() < 1e-9 && (y + 0.5 * 20.25).abs() < 1e-9, "{x} {y}");
     assert_eq!(center("[camera]\nshift_mm = [1.0, 2.0]"), [1.0, 2.0]);
+    assert_eq!(center("[camera]\nlens = \"double-gauss-50mm\""), [0.0; 2]);
     assert_eq!(center("[camera]\nlook_from = [0.0, 0.0, 0.0]\nlook_at = [0.0, 0.0, -9.0]"), [0.0; 2]);
 }
 

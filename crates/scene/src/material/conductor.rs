@@ -222,10 +222,14 @@ mod tests {
         // Mitsuba 3.9.1 by spectra, with the numbers of other samples: copper under an even sky of D65.
         let copper = Conductor::metal("copper", 0.0).unwrap().normal_reflectance();
         assert!((copper - Vec3::new(0.955, 0.638, 0.538)).abs().max_element() < 0.03, "{copper}");
-        // What absorbs nothing and reflects less than its n says.
-        let glass = |n: f32| Spectrum::Table(Table::new(400.0, 300.0, vec![n, n]));
-        let [n, k] = with_color(glass(1.5), glass(0.0)).map(|s| s.sample(&SampledWavelengths::rgb()).truncate());
-        assert!((n - 1.5).abs().max_element() < 1e-3 && k.max_element() < 0.02, "{n} {k}");
+        // What absorbs nothing, and whose n is highest at the wavelengths that stand for green and blue: the n is another there, which reflects as much.
+        let peaks: Vec<f32> = (0..=80).map(|i| 1.5 + if i % 10 == 0 { 1.0 } else { 0.0 }).collect();
+        for values in [vec![1.5; 81], peaks] {
+            let table = |values| Spectrum::Table(Table::new(380.0, 5.0, values));
+            let [n, k] = with_color(table(values), table(vec![0.0; 81])).map(|s| s.sample(&SampledWavelengths::rgb()));
+            let reflected = fresnel_conductor(1.0, n, k).truncate();
+            assert!((reflected - 0.048).abs().max_element() < 0.015 && k.truncate().min_element() >= 0.0, "{n} {k}: {reflected}");
+        }
     }
 
     #[test]

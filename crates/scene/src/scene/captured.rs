@@ -44,12 +44,13 @@ impl Scene {
         object_from_world: &Affine3A,
         t_max: f32,
         any: bool,
+        blends_block: bool,
     ) -> Option<Hit> {
         let Shape::Splats { splats, .. } = self.description.objects[object as usize].shape else { return None };
         let local = in_object(ray, object_from_world);
         let hash = |seed: u32, v: Vec3| v.to_array().iter().fold(seed, |h, x| mix(h ^ x.to_bits()));
         let seed = mix(hash(hash(mix(object), ray.origin), ray.direction) ^ ray.time_s.to_bits());
-        let filter = SplatFilter { set: &self.description.splats[splats as usize], seed, local };
+        let filter = SplatFilter { set: &self.description.splats[splats as usize], seed, local, blends_block };
         found_within(&self.built.clouds[splats as usize], object, local, t_max, any, &filter)
     }
 }
@@ -61,6 +62,8 @@ struct SplatFilter<'a> {
     seed: u32,
     /// Origin and direction in the space of the set.
     local: (Vec3, Vec3),
+    /// Whether all count that are not entirely clear.
+    blends_block: bool,
 }
 
 impl Filter for SplatFilter<'_> {
@@ -69,7 +72,8 @@ impl Filter for SplatFilter<'_> {
     }
     fn intersect_other(&self, id: u32, t_max: f32, _: bool) -> Option<Hit> {
         let hit = self.set.intersect(id, self.local.0, self.local.1, t_max)?;
-        let there = to_unit(mix(self.seed ^ mix(id))) < hit.alpha;
+        let draw = if self.blends_block { 0.0 } else { to_unit(mix(self.seed ^ mix(id))) };
+        let there = draw < hit.alpha;
         there.then_some(Hit { t: hit.t, u: 0.0, v: 0.0, id, slot: u32::MAX, instance: 0 })
     }
 }

@@ -413,11 +413,11 @@ impl Filter for TopFilter<'_> {
             }
             Shape::Curves { .. } => {
                 let place = &self.scene.built.placements[id as usize].object_from_world;
-                self.scene.intersect_curves(self.ray, id, place, t_max, any)
+                self.scene.intersect_curves(self.ray, id, place, t_max, any, self.blends_block)
             }
             Shape::Splats { .. } => {
                 let place = &self.scene.built.placements[id as usize].object_from_world;
-                self.scene.intersect_splats(self.ray, id, place, t_max, any)
+                self.scene.intersect_splats(self.ray, id, place, t_max, any, self.blends_block)
             }
         }
     }
@@ -485,8 +485,8 @@ impl Filter for AnimatedFilter<'_> {
                 return None;
             }
             return match shape {
-                Shape::Splats { .. } => self.scene.intersect_splats(self.ray, object, &place.inverse(), t_max, any),
-                _ => self.scene.intersect_curves(self.ray, object, &place.inverse(), t_max, any),
+                Shape::Splats { .. } => self.scene.intersect_splats(self.ray, object, &place.inverse(), t_max, any, false),
+                _ => self.scene.intersect_curves(self.ray, object, &place.inverse(), t_max, any, false),
             };
         }
         let filter = InstanceFilter { scene: self.scene, ray: self.ray, object, blends_block: false };

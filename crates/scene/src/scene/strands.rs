@@ -57,12 +57,13 @@ impl Scene {
         object_from_world: &Affine3A,
         t_max: f32,
         any: bool,
+        blends_block: bool,
     ) -> Option<Hit> {
         let Shape::Curves { curves, .. } = self.description.objects[object as usize].shape else { return None };
         let StrandTree { bvh, levels } = &self.built.strands[curves as usize];
         let local = in_object(ray, object_from_world);
         let set = &self.description.curves[curves as usize];
-        let filter = CurveFilter { scene: self, ray, object, set, levels: *levels, local };
+        let filter = CurveFilter { scene: self, ray, object, set, levels: *levels, local, blends_block };
         found_within(bvh, object, local, t_max, any, &filter)
     }
 }
@@ -84,6 +85,8 @@ struct CurveFilter<'a> {
     levels: u32,
     /// Origin and direction in the space of the set.
     local: (Vec3, Vec3),
+    /// Whether blended strands count wherever they are not entirely clear.
+    blends_block: bool,
 }
 
 impl Filter for CurveFilter<'_> {
@@ -91,8 +94,9 @@ impl Filter for CurveFilter<'_> {
         unreachable!("hierarchies of curves hold no triangles")
     }
     fn intersect_other(&self, id: u32, t_max: f32, any: bool) -> Option<Hit> {
-        let covers =
-            |segment: u32, u: f32, v: f32| self.scene.covers_part(self.ray, self.object, segment, || Vec2::new(u, v), false);
+        let covers = |segment: u32, u: f32, v: f32| {
+            self.scene.covers_part(self.ray, self.object, segment, || Vec2::new(u, v), self.blends_block)
+        };
         let hit = self.set.intersect(id, self.levels, self.local, t_max, any, &covers)?;
         Some(Hit { t: hit.t, u: hit.u, v: hit.v, id, slot: u32::MAX, instance: 0 })
     }

@@ -33,7 +33,15 @@ pub fn measure_at(plane: &Plane, [x, y]: [f64; 2], options: &Options) -> Result<
         (dx * e.across[0] + dy * e.across[1]).abs() <= (side / NEAR) as f64
     };
     let found = larger.into_iter().find_map(|side| measure(plane, around(side), options).ok().filter(|e| is_there(e, side)));
-    found.map_or_else(|| measure(plane, around(smallest), options), Ok)
+    let found = found.map_or_else(|| measure(plane, around(smallest), options), Ok)?;
+    match is_there(&found, smallest.max(found.region.width)) {
+        true => Ok(found),
+        false => {
+            let [edge_x, edge_y] = found.middle;
+            let near = format!("the nearest edge is at {edge_x:.0},{edge_y:.0}");
+            Err(MeasureError::unfit(format!("place {x},{y}"), near, "a place on an edge"))
+        }
+    }
 }
 
 /// A square of a side about a place, as far as the picture goes.

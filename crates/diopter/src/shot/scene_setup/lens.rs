@@ -6,7 +6,7 @@ use super::super::sections::CameraSection;
 use super::super::sources::{ideal_fisheye, read_file};
 use super::super::timing::Timing;
 use super::super::{Inputs, ShotError, light_field, value};
-use super::{CameraPlacement, STOPS, is_ideal, nearest_in_the_middle, stop_for, subject_bounds, view};
+use super::{CameraPlacement, STOPS, is_ideal, is_of_view, looks_through, nearest_in_the_middle, stop_for, subject_bounds, view};
 use crate::calibration::camera_file::CameraSource;
 use crate::camera::{Camera, Film};
 use crate::camera_motion::CameraMotion;
@@ -179,6 +179,10 @@ pub(in crate::shot) fn camera(
         return Err(value("viewpoint", "the scene's camera", "a place that is finite"));
     }
 
+    let shifted = view.is_some_and(|v| v.film.shift != [0.0; 2]);
+    if shifted && c.shift_mm.is_none() && looks_through(c) && !is_of_view(c) {
+        warn("the scene's camera sees beside its axis, as a shifted lens does: this lens is not shifted (give --shift)");
+    }
     // What the scene's own camera says of its lens counts where the shot says nothing.
     let bare = c.lens.is_none() && placement.calibrated.is_none() && c.orthographic.is_none();
     let own = view.and_then(|v| v.lens).filter(|_| bare && c.look_from.is_none());

@@ -32,7 +32,7 @@ impl Pixels {
         [0.5 * (left + right - w) as f64, 0.5 * (h - top - bottom) as f64]
     }
 
-    /// All of a film but what its crop leaves out. Source: pbrt-v4, `FilmBaseParameters`: of `cropwindow` both ends are rounded up. Fails where nothing is left.
+    /// All of a film but what its crop leaves out. Source: pbrt-v4, `FilmBaseParameters`: of `cropwindow` both ends are rounded up, in single precision. Fails where nothing is left.
     fn read(context: &mut Context, p: &Params, full: [i64; 2]) -> Result<Pixels, Fault> {
         let [w, h] = full;
         let wrong = |what: &str, found: &[f64]| {
@@ -44,7 +44,7 @@ impl Pixels {
                     context.warn(p.place, "the film has a cropwindow and pixelbounds: the former counts");
                 }
                 let [left, right, top, bottom] = window[..] else { return Err(wrong("cropwindow", window)) };
-                let at = |part: f64, n: i64| (part.clamp(0.0, 1.0) * n as f64).ceil() as i64;
+                let at = |part: f64, n: i64| (part.clamp(0.0, 1.0) as f32 * n as f32).ceil() as i64;
                 let bounds = [at(left.min(right), w), at(left.max(right), w), at(top.min(bottom), h), at(top.max(bottom), h)];
                 ("cropwindow", window, bounds)
             }
