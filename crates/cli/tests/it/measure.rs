@@ -164,6 +164,7 @@ fn a_rolling_shutter_reads_as_long_as_it_is_said_to() {
 fn what_cannot_be_measured_is_said() {
     let f = Folder::new("measure-wrong");
     f.ok(&["shoot", "flat-field", "--size", "96x64", "--spp", "2", "-o", "flat.png", "-o", "flat.dng"]);
+    std::fs::copy(f.path("flat.dng"), f.path("again.dng")).unwrap();
     for (args, code, wanted) in [
         (&["measure", "mtf", "flat.png"][..], 1, "no slanted edge"),
         (&["measure", "mtf", "flat.png", "--at", "500,20"], 1, "96 × 64 pixels"),
@@ -188,7 +189,8 @@ fn what_cannot_be_measured_is_said() {
             "taken before",
         ),
         (&["measure", "color", "flat.png"], 1, "correlation"),
-        (&["measure", "noise", "flat.dng", "flat.dng", "--body", "gone"], 2, "gone"),
+        (&["measure", "noise", "flat.dng", "again.dng", "--body", "gone"], 2, "gone"),
+        (&["measure", "noise", "flat.dng", "flat.dng"], 2, "named twice"),
         (&["measure", "rolling", "flat.png"], 2, "--flicker"),
         (&["measure", "rolling", "flat.png", "--flicker", "0"], 2, "such as 100"),
         (&["measure", "rolling", "flat.png", "--flicker", "100"], 1, "no bands"),
