@@ -8,9 +8,9 @@ use diopter::develop::lut::Lut;
 use diopter::develop::{Developer, Recipe};
 use diopter::files;
 use diopter::image::dng::Storage;
-use diopter::image::focal_plane::{Band, FocalPlaneSource};
+use diopter::image::focal_plane::FocalPlaneSource;
 use diopter::image::truth::Recorded;
-use diopter::image::{Encoding, ExposureFacts, FocalPlane, ImageError, Picture, RawImage, exr, gain_map, jpeg, png, tiff_file};
+use diopter::image::{Encoding, FocalPlane, ImageError, Picture, RawImage, exr, gain_map, jpeg, png, tiff_file};
 use diopter::raw_file;
 use diopter::shot::ShotError;
 use std::collections::HashMap;
@@ -384,47 +384,14 @@ pub fn write_plane(output: Output, plane: &FocalPlane) -> anyhow::Result<PathBuf
 
 /// Writes a focal plane that comes strip by strip.
 pub fn write_strips(output: Output, source: &mut dyn FocalPlaneSource) -> anyhow::Result<PathBuf> {
-    let mut source = Told { source, failed: None };
-    let written = output.commit(|to| Ok(exr::write_strips(&mut source, to)?));
-    // What cannot be read is not the fault of what is written.
-    match source.failed {
-        Some(why) if written.is_err() => Err(anyhow!(why)),
-        _ => written,
-    }
-}
-
-/// A focal plane that keeps why it could not be read.
-struct Told<'a> {
-    source: &'a mut dyn FocalPlaneSource,
-    failed: Option<String>,
-}
-
-impl FocalPlaneSource for Told<'_> {
-    fn bands(&self) -> &[Band] {
-        self.source.bands()
-    }
-
-    fn facts(&self) -> &ExposureFacts {
-        self.source.facts()
-    }
-
-    fn recorded(&self) -> &Recorded {
-        self.source.recorded()
-    }
-
-    fn size(&self) -> [usize; 2] {
-        self.source.size()
-    }
-
-    fn rows_at_once(&self) -> usize {
-        self.source.rows_at_once()
-    }
-
-    fn next_rows(&mut self, rows: usize) -> Result<FocalPlane, ImageError> {
-        let read = self.source.next_rows(rows);
-        self.failed = read.as_ref().err().map(ToString::to_string);
-        read
-    }
+    let mut unread = None;
+    let written = output.commit(|to| {
+        let wrote = exr::write_strips(source, to);
+        // What is malformed was read, and is not the fault of what is written.
+        unread = wrote.as_ref().err().filter(|e| matches!(e, ImageError::Malformed { .. })).map(ToString::to_string);
+        Ok(wrote?)
+    });
+    unread.map_or(written, |why| Err(anyhow!(why)))
 }
 
 /// The time, as EXIF writes it (UTC); `SOURCE_DATE_EPOCH` (seconds) wins, for files that are the same each time.

@@ -280,6 +280,7 @@ impl<S: FocalPlaneSource> Merged<S> {
                 return mismatch(format!("they are not of one picture: they differ in {}", differences.join(", ")));
             }
         }
+        // Neighbours agree, but for those that do not know.
         let mut settings: Vec<&str> = parts.iter().map(|p| p.facts().settings_hash.as_str()).filter(|s| !s.is_empty()).collect();
         settings.dedup();
         if settings.len() > 1 {

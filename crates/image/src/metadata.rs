@@ -175,9 +175,9 @@ impl ExposureFacts {
         names.sort_unstable();
         names.dedup();
         let none = serde_json::Value::Null;
-        // Lengths that were written and read again, or found anew.
+        // Lengths that were written and read again, or found anew; whole numbers are as they are.
         let same = |a: &serde_json::Value, b: &serde_json::Value| match (a.as_f64(), b.as_f64()) {
-            (Some(x), Some(y)) => a == b || (x - y).abs() <= SAME * x.abs().max(y.abs()),
+            (Some(x), Some(y)) if a.is_f64() && b.is_f64() => (x - y).abs() <= SAME * x.abs().max(y.abs()),
             _ => a == b,
         };
         let differs = |name: &String| {
@@ -188,8 +188,7 @@ impl ExposureFacts {
                 "settings_hash" => {
                     Some("settings of scene, camera or paths (where it stands, how the scene is lit ...)".to_owned())
                 }
-                "seed" if a == b => None,
-                _ if name != "seed" && same(a, b) => None,
+                _ if same(a, b) => None,
                 _ if a.is_object() || b.is_object() || a.is_array() || b.is_array() => Some(told),
                 _ => Some(format!("{told} ({a} and {b})")),
             }

@@ -45,17 +45,21 @@ impl MicrolensArray {
 
     /// The array behind a lens.
     pub fn behind(&self, lens: &Lens) -> MicrolensOptics {
-        let curvature = lens.exit_curvature();
-        let magnification = 1.0 + self.gap * curvature;
-        let smear = self.lattice.cell_radius() * (magnification - self.gap / self.focal_length).abs();
+        let (magnification, blur) = self.images(lens);
+        let smear = self.lattice.cell_radius() * blur;
         MicrolensOptics { array: *self, magnification, image_radius: self.gap * lens.pupil_reach() + smear }
+    }
+
+    /// Size of the lattice of pupil images over that of the microlenses, and of the blur of each over its microlens: 0 where the gap is its focal length.
+    fn images(&self, lens: &Lens) -> (f64, f64) {
+        let magnification = 1.0 + self.gap * lens.exit_curvature();
+        (magnification, (magnification - self.gap / self.focal_length).abs())
     }
 
     /// How many times more light falls on the middle of the image of a lens's pupil than on the film: area of a microlens over that of this image, or of the blur of
     /// one whose gap is not its focal length, whichever is larger. Below 1 where the images of neighbours overlap.
     pub fn concentration(&self, lens: &Lens) -> f64 {
-        let smear = 1.0 + self.gap * lens.exit_curvature() - self.gap / self.focal_length;
-        let blur = self.lattice.cell_area() * smear * smear;
+        let blur = self.lattice.cell_area() * self.images(lens).1.powi(2);
         self.lattice.cell_area() / (std::f64::consts::PI * (self.gap * lens.pupil_slope()).powi(2)).max(blur)
     }
 }

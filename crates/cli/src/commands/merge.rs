@@ -10,15 +10,13 @@ use diopter::develop::Recipe;
 use diopter::hdr;
 use diopter::image::RawImage;
 use diopter::image::focal_plane::{FocalPlaneSource, Merged};
-use std::path::PathBuf;
 
 /// Runs the command, prints what it found, and writes the files that were asked for. Fails with what the user is told.
 pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
     output::distinct(args.parts.iter().map(|p| p.as_path()), args.output.iter().map(|p| p.as_path()))?;
     // What comes on standard input is as the other files are.
-    let is_raw = |p: &PathBuf| matches!(output::kind(p), Ok(Kind::Dng));
     let streams = args.parts.iter().filter(|p| p.as_os_str() == "-").count();
-    let raws = args.parts.iter().filter(|p| is_raw(p)).count();
+    let raws = args.parts.iter().filter(|p| matches!(output::kind(p), Ok(Kind::Dng))).count();
     let raws = if raws > 0 { raws + streams } else { 0 };
     if raws == args.parts.len() {
         return series(args, json);

@@ -357,7 +357,7 @@ fn there_from_before(
         (None, Some(path)) => Some(PlaneFile::open(path)?.facts().clone()),
         (None, None) => None,
     };
-    let now = ExposureFacts { seed: shot.settings.seed, ..shot.facts() };
+    let now = ExposureFacts { seed: shot.settings.seed, ..shot.plane_facts() };
     if let (Some(facts), Some(file)) = (&facts, raw_file.or(plane_file)) {
         let picture = |f: &ExposureFacts| ExposureFacts {
             scene: f.scene.clone(),

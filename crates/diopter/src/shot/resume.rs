@@ -1,5 +1,6 @@
 //! What tells one exposure from another, so that it goes on from its own checkpoint only.
 
+use super::scene_setup::{is_placed, view};
 use super::{Shot, ShotError};
 use crate::camera::{Camera, Film};
 use crate::checkpoint::Fnv;
@@ -26,17 +27,14 @@ impl Shot {
         self.write_resolved(&mut file);
         // More than TOML's integers hold; it is a fact of its own.
         file.render.seed = None;
-        let c = &mut file.camera;
-        let views = &self.scene.description().cameras;
-        let view = c
-            .viewpoint
-            .as_ref()
-            .and_then(|named| views.iter().find(|v| v.name == *named).or_else(|| views.get(named.parse::<usize>().ok()?)));
-        if let Some(view) = view {
-            c.viewpoint = Some(view.name.clone());
+        // Of a camera by its number the name.
+        if file.camera.viewpoint.is_some()
+            && let Ok(Some(view)) = view(&file, self.scene.description())
+        {
+            file.camera.viewpoint = Some(view.name.clone());
         }
-        if c.look_from.is_none() && c.look_at.is_none() && c.path.is_empty() {
-            c.up = None;
+        if !is_placed(&file.camera) {
+            file.camera.up = None;
         }
         let Ok(all) = toml::Table::try_from(&file) else { return String::new() };
         let mut hash = Fnv::new();
@@ -45,7 +43,7 @@ impl Shot {
             settings.retain(|name, _| !NOT_OF_LIGHT.contains(&name) && (section != "render" || OF_LIGHT.contains(&name)));
             for (name, value) in settings.iter_mut() {
                 if let toml::Value::String(path) = value
-                    && PATHS.iter().any(|path| path == name)
+                    && PATHS.contains(&name.as_ref())
                     && let Some(at) = path.rfind(['/', '\\'])
                 {
                     *path = path.split_off(at + 1);

@@ -124,9 +124,14 @@ pub(super) fn film(file: &ShotFile, sensor: &Sensor, view: Option<&Viewpoint>) -
     })
 }
 
+/// Whether the shot says where its camera stands or what it is aimed at.
+pub(super) fn is_placed(c: &CameraSection) -> bool {
+    c.look_from.is_some() || c.look_at.is_some() || !c.path.is_empty()
+}
+
 /// Whether the shot looks through the scene's camera from where that stands.
 fn looks_through(c: &CameraSection) -> bool {
-    c.look_from.is_none() && c.look_at.is_none() && c.path.is_empty() && c.calibration.is_none()
+    !is_placed(c) && c.calibration.is_none()
 }
 
 /// Whether its lens is that of the scene's camera, or an ideal one in its place.

@@ -1,6 +1,7 @@
 //! A shot file that says everything: also what was chosen, and what was default.
 
 use super::file::ShotFile;
+use super::scene_setup::is_placed;
 use super::sections::FocusSection;
 use super::{DEFAULT_BODY, DEFAULT_SCENE, DEFAULT_SEED, Shot, metres_of};
 use crate::program::Mode;
@@ -48,7 +49,7 @@ impl Shot {
         if self.color_sampling == ColorSampling::Mosaic {
             c.color_sampling.get_or_insert(ColorSampling::Mosaic);
         }
-        let placed = c.look_from.is_some() || c.look_at.is_some() || !c.path.is_empty();
+        let placed = is_placed(c);
         let first = self.scene.description().cameras.first();
         if let Some(framing) = builtin::framing(&scene_name).filter(|_| !placed && first.is_none() && c.up.is_none()) {
             c.look_from = Some(framing.look_from.to_array());

@@ -28,8 +28,7 @@ const DENOISED_FULL_COLOR_SPP: u32 = 12;
 impl Shot {
     /// Facts as known so far.
     pub fn facts(&self) -> ExposureFacts {
-        let settings_hash = self.settings_hash();
-        ExposureFacts { exposure_s: self.shutter.unwrap_or(0.0), iso: self.reading.iso, settings_hash, ..self.facts.clone() }
+        ExposureFacts { exposure_s: self.shutter.unwrap_or(0.0), iso: self.reading.iso, ..self.facts.clone() }
     }
 
     /// What the film records.
@@ -259,7 +258,7 @@ impl Shot {
     }
 
     /// Facts of a focal plane: the speed is the read-out's; what the camera was set to goes with the plane.
-    pub(super) fn plane_facts(&self) -> ExposureFacts {
+    pub fn plane_facts(&self) -> ExposureFacts {
         let usual = Reading::new(self.reading.iso, self.reading.seed);
         let other = |set: &str, usual: &str| if set == usual { String::new() } else { set.to_owned() };
         ExposureFacts {
@@ -268,6 +267,7 @@ impl Shot {
             serial: other(&self.reading.serial, &usual.serial),
             temperature_c: self.reading.temperature_c,
             white: other(&self.reading.white, &usual.white),
+            settings_hash: self.settings_hash(),
             ..self.facts()
         }
     }

@@ -561,14 +561,14 @@ fn color_text(name: &str, found: &ColorDifferences) -> anyhow::Result<String> {
     writeln!(t, "{name}   (CIEDE2000; CIELAB of D65, brightness by the grey patches: × {:.4})", found.scale)?;
     writeln!(
         t,
-        "  {:<19} {:>7} {:>7} {:>7}   {:>7} {:>7} {:>7} {:>7}",
+        "  {:<21} {:>7} {:>7} {:>7}   {:>7} {:>7} {:>7} {:>7}",
         "patch", "L*", "a*", "b*", "L* ref", "a* ref", "b* ref", "dE00"
     )?;
     for p in &found.patches {
         let [l, a, b] = p.lab;
         let [l0, a0, b0] = p.reference;
         let difference = if p.clipped { "clipped".to_owned() } else { format!("{:.2}", p.delta_e) };
-        writeln!(t, "  {:<19} {l:>7.2} {a:>7.2} {b:>7.2}   {l0:>7.2} {a0:>7.2} {b0:>7.2} {difference:>7}", p.name)?;
+        writeln!(t, "  {:<21} {l:>7.2} {a:>7.2} {b:>7.2}   {l0:>7.2} {a0:>7.2} {b0:>7.2} {difference:>7}", p.name)?;
     }
     writeln!(t, "  mean {:.2}, largest {:.2}", found.mean, found.largest)?;
     Ok(t)
