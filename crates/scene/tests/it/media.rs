@@ -4,6 +4,7 @@ use diopter_light::Spectrum;
 use diopter_light::spectrum::Table;
 use diopter_scene::bvh::Bounds;
 use diopter_scene::light::{Environment, Modulation, Punctual, PunctualKind, SpotEdge};
+use diopter_scene::load::mitsuba;
 use diopter_scene::material::{Emission, EmissionColor, Interior, Material, Scattering};
 use diopter_scene::medium::{Air, Coefficient, Medium};
 use diopter_scene::shape::{Mesh, Quad, Sphere};
@@ -477,5 +478,56 @@ fn where_bodies_overlap_the_stronger_one_is() {
         let settings = PathSettings { max_depth: events, roulette_depth: 100 };
         let found = mean(&scene, Vec3::new(0.3, 0.2, 4.0), Vec3::NEG_Z, 40_000, &settings);
         assert_near(found, [expected; 4], &format!("{glass_first:?}"));
+    }
+}
+
+/// Light along −z through the middle of a scene of Mitsuba, in a white world.
+fn through_mitsuba(shapes: &str) -> [f64; 4] {
+    let text = format!("<scene version='3.0.0'><emitter type='constant'/>{shapes}</scene>");
+    let nothing = |_: &str| Err("there is no such file".to_owned());
+    let scene = Scene::build(mitsuba::load(text.as_bytes(), "s.xml", &nothing).unwrap()).unwrap();
+    mean(&scene, Vec3::new(0.0, 0.0, 3.0), Vec3::NEG_Z, 20_000, &DEEP).0
+}
+
+#[test]
+fn media_of_mitsuba_are_those_of_the_last_face_that_named_one() {
+    let medium = "<medium type='homogeneous' id='m'><float name='sigma_t' value='0.5'/><float name='albedo' value='0'/></medium>";
+    let glass = "<bsdf type='dielectric'><float name='int_ior' value='1.5'/><float name='ext_ior' value='1'/></bsdf>";
+    let null = "<bsdf type='null'/>";
+    let ball = |radius: f64, what: &str| format!("<shape type='sphere'><float name='radius' value='{radius}'/>{what}</shape>");
+    // Straight through glass that lets `t` pass between its faces, each of which reflects 4 %; all that leaves it is white.
+    let glassy = |t: f64| 0.04 + 0.96 * 0.96 * t / (1.0 - 0.04 * t);
+    for (what, shapes, expected) in [
+        (
+            "a bubble that names what is around it",
+            format!(
+                "{medium}{}{}",
+                ball(1.0, &format!("{glass}<ref name='interior' id='m'/>")),
+                ball(0.5, &format!("{null}<ref name='exterior' id='m'/>"))
+            ),
+            glassy((-0.5f64).exp()),
+        ),
+        (
+            "fog goes on in glass that names no medium",
+            format!("{medium}{}{}", ball(2.0, &format!("{null}<ref name='interior' id='m'/>")), ball(1.0, glass)),
+            // A metre on each side of the ball, and two in it.
+            (-0.5f64).exp() * (0.04 * (-0.5f64).exp() + 0.96 * 0.96 * (-1.5f64).exp() / (1.0 - 0.04 * (-1.0f64).exp())),
+        ),
+    ] {
+        let found = through_mitsuba(&shapes);
+        assert!(found.iter().all(|v| (v / expected - 1.0).abs() < 0.01), "{what}: {found:?}, expected {expected}");
+    }
+}
+
+#[test]
+fn mirrored_lamps_of_mitsuba_shine_inwards_where_its_normals_turn() {
+    let lamp = |scale: &str| {
+        format!(
+            "<shape type='sphere'><transform name='to_world'><scale x='{scale}' y='1' z='1'/></transform><emitter type='area'><rgb name='radiance' value='7'/></emitter></shape>"
+        )
+    };
+    for (scale, expected) in [("1", 7.0), ("-1", 0.0)] {
+        let found = through_mitsuba(&lamp(scale))[1];
+        assert!((found - expected).abs() < 0.05, "{scale}: {found}");
     }
 }

@@ -540,7 +540,11 @@ impl Context<'_> {
         }
         Ok(match self.graph(&texture, 0)? {
             Ok(texture) => Scalar::Textured { factor: 1.0, texture, channel: 0 },
-            Err(graph) => Scalar::Graph(graph),
+            // As Mitsuba 3.9 has it: of numbers the first one is that of the other squares.
+            Err(graph) => Scalar::Graph(match Arc::unwrap_or_clone(graph) {
+                Graph::Checkerboard { place, even, odd } => Arc::new(Graph::Checkerboard { place, even: odd, odd: even }),
+                other => Arc::new(other),
+            }),
         })
     }
 

@@ -100,6 +100,11 @@ impl Node {
         self.children.iter().find(|c| c.get("name") == Some(name)).inspect(|c| c.set_read())
     }
 
+    /// Whether any element within it is of a kind.
+    pub fn has_any(&self, tag: &str) -> bool {
+        self.children.iter().any(|child| child.tag == tag || child.has_any(tag))
+    }
+
     /// Notes that it was asked for.
     pub fn set_read(&self) {
         self.is_read.store(true, Relaxed);

@@ -30,6 +30,8 @@ pub(super) struct World<'a> {
     groups: HashMap<*const Node, Vec<(Shape, u32, String)>>,
     meshes: HashMap<(String, bool, bool), u32>,
     media: HashMap<*const Node, Arc<Medium>>,
+    /// Whether anything of the file is a medium.
+    has_media: bool,
     /// Curves by kind, file and place: radii do not follow transforms.
     curves: HashMap<(String, [u64; 16]), u32>,
     curve_points: usize,
@@ -47,6 +49,7 @@ impl<'a> World<'a> {
             groups: HashMap::new(),
             meshes: HashMap::new(),
             media: HashMap::new(),
+            has_media: root.has_any("medium"),
             curves: HashMap::new(),
             curve_points: 0,
         }
@@ -144,7 +147,9 @@ impl<'a> World<'a> {
     /// A shape's form in the world, its material and its name. What is `alone` may be a sphere.
     fn form(&mut self, node: &Arc<Node>, alone: bool) -> Read<(Shape, u32, String)> {
         let place = transform(node, "to_world")?;
-        let flip = boolean(node, "flip_normals", false)?;
+        // As Mitsuba has it: normals of spheres and of meshes from files turn round where the shape is mirrored, those of its other shapes do not.
+        let turns = matches!(node.kind(), "sphere" | "obj" | "ply" | "serialized") && place.determinant() < 0.0;
+        let flip = boolean(node, "flip_normals", false)? != turns;
         let name = node.get("id").map_or_else(|| format!("{} of line {}", node.kind(), node.line), str::to_owned);
         let material = self.material(node)?;
         let shape = match node.kind() {
@@ -157,7 +162,7 @@ impl<'a> World<'a> {
                 // What has pictures or is brushed needs Mitsuba's texture coordinates.
                 let plain = alone && !flip && !self.context.description.materials[material as usize].needs_coordinates();
                 match round::sphere_in_world(radius as f32, place) {
-                    Some(sphere) if plain && place.determinant() > 0.0 => Shape::Sphere(sphere),
+                    Some(sphere) if plain => Shape::Sphere(sphere),
                     _ => {
                         // Here v runs from the pole at +z down, in pbrt up.
                         let mut ball = round::ball(radius as f32);
@@ -287,17 +292,13 @@ impl<'a> World<'a> {
         let name = bsdf.as_ref().and_then(|b| b.get("id")).unwrap_or("material");
         let mut material =
             Material { coverage: surface.coverage, normal_map: surface.normal_map, ..Material::new(name, surface.scattering) };
-        if surface.is_body {
-            material.interior = Interior::Body { medium: None, priority: None };
-        }
-        if inside.is_some() || outside.is_some() {
-            let inside = inside.map(|n| self.medium(&n)).transpose()?;
-            let outside = outside.map(|n| self.medium(&n)).transpose()?;
-            material.interior = match (outside, surface.is_body) {
-                (None, true) => Interior::Body { medium: inside, priority: None },
-                (outside, _) => Interior::Sides([inside, outside]),
-            };
-        }
+        let [inside, outside] = [inside, outside].map(|side| side.map(|n| self.medium(&n)).transpose());
+        material.interior = match [inside?, outside?] {
+            // As Mitsuba has it: what is around a shape that names no medium goes on within it.
+            [None, None] if self.has_media || !surface.is_body => Interior::Same,
+            [None, None] => Interior::Body { medium: None, priority: None },
+            sides => Interior::Sides(sides),
+        };
         if let Some(emitter) = emitter {
             material.emission = Some(lights::emission(&mut self.context, &emitter)?);
         }
