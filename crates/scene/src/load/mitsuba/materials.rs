@@ -506,6 +506,9 @@ impl Context<'_> {
                 }
                 other => {
                     let rgb = other.rgb().clamp(Vec3::ZERO, Vec3::ONE);
+                    if rgb != other.rgb() {
+                        self.skip_unsupported(format!("what \"{name}\" has below 0 or above 1"));
+                    }
                     Color::rgb(rgb.x, rgb.y, rgb.z)
                 }
             });
@@ -521,10 +524,18 @@ impl Context<'_> {
     pub fn scalar(&mut self, node: &Arc<Node>, name: &str, default: f32) -> Read<Scalar> {
         let Some(child) = node.child(name).cloned() else { return Ok(Scalar::Constant(default)) };
         if let Some(shade) = Shade::of(&child)? {
-            return Ok(Scalar::Constant(match shade {
+            let given = match shade {
                 Shade::Even(v) | Shade::EvenSpectrum(v) => v,
                 other => other.rgb().element_sum() / 3.0,
-            }));
+            };
+            // Scales of hair may be tilted either way.
+            let least = if name == "scale_tilt" { f32::MIN } else { 0.0 };
+            let most = if matches!(name, "weight" | "opacity") { 1.0 } else { f32::MAX };
+            let value = given.clamp(least, most);
+            if value != given {
+                self.skip_unsupported(format!("what \"{name}\" has below 0{}", if given > most { " or above 1" } else { "" }));
+            }
+            return Ok(Scalar::Constant(value));
         }
         let texture = self.resolved(&child)?;
         if texture.kind() == "bitmap" {

@@ -296,6 +296,21 @@ mod tests {
     }
 
     #[test]
+    fn values_that_cannot_be_are_told() {
+        for (bsdf, told) in [
+            ("<bsdf type='diffuse'><rgb name='reflectance' value='3,0.2,0.2'/></bsdf>", "\"reflectance\" has below 0 or above 1"),
+            ("<bsdf type='roughconductor'><float name='alpha' value='-3'/></bsdf>", "\"alpha\" has below 0"),
+            (
+                "<bsdf type='mask'><float name='opacity' value='7'/><bsdf type='diffuse'/></bsdf>",
+                "\"opacity\" has below 0 or above 1",
+            ),
+        ] {
+            let d = read(&format!("<shape type='sphere'>{bsdf}</shape>")).unwrap();
+            assert!(d.warnings.iter().any(|w| w.contains(told)), "{bsdf}: {:?}", d.warnings);
+        }
+    }
+
+    #[test]
     fn scales_of_specular_light_are_read() {
         let scattering = |bsdf: &str| {
             let d = read(&format!("<shape type='sphere'>{bsdf}</shape>")).unwrap();
