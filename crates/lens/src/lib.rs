@@ -324,6 +324,28 @@ impl Lens {
         }
     }
 
+    /// How far the pupil that a film point (mm, lens axes) sees reaches from the place of its middle on the axis, in some directions (unit vectors, lens axes), in radii of
+    /// the round pupil ([`Lens::pupil_slope`]): the support function of its hull. 1 everywhere but where blades are straight or rims cut the pupil; `None` where no light arrives.
+    pub fn pupil_extents(&self, film_mm: DVec2, directions: &[DVec2]) -> Option<Vec<f64>> {
+        let support = |corners: &[DVec2], scale: f64| {
+            let farthest = |d: &DVec2| corners.iter().map(|c| c.dot(*d)).fold(f64::NEG_INFINITY, f64::max) * scale;
+            directions.iter().map(farthest).collect()
+        };
+        match self {
+            Lens::Compound(lens) => {
+                let corners: Vec<DVec2> = lens.pupils().outline(film_mm).collect();
+                (!corners.is_empty()).then(|| support(&corners, 1.0 / lens.pupil_slope()))
+            }
+            Lens::Thin(lens) => match &lens.iris {
+                Iris::Round => Some(vec![1.0; directions.len()]),
+                Iris::Blades(blades) => Some(support(blades.outline(), 1.0)),
+                // The square around the disk.
+                Iris::Image(_) => Some(directions.iter().map(|d| d.abs().element_sum()).collect()),
+            },
+            _ => Some(vec![1.0; directions.len()]),
+        }
+    }
+
     /// The ray from a film point in a direction, given as its slope towards the lens. Its weight counts for a unit of slope:
     /// [`Lens::ray`]'s is the integral over all slopes that pass. A pinhole lets no such ray through, nor does a calibrated camera, which
     /// has no light between film and pupil. `film_mm` in mm; `Err` where the light is blocked.

@@ -259,6 +259,12 @@ impl PupilTable {
         }
     }
 
+    /// Corners of the shape of the pupil that a film point (mm) sees, in q in the film's frame; none where no light arrives.
+    pub fn outline(&self, film: DVec2) -> impl Iterator<Item = DVec2> {
+        let (region, turn) = self.region(film);
+        region.fan.outline().iter().map(move |q| turn.rotation.rotate(*q) * turn.mirror)
+    }
+
     /// Slope from a film point towards the middle of what passes: the centroid of the area of its shape in q, without steps over the film.
     pub fn centroid_slope(&self, film: DVec2) -> DVec2 {
         let (region, turn) = self.region(film);

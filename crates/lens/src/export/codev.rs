@@ -1,4 +1,5 @@
-//! CODE V sequence files (.seq): the commands that [`crate::import`] reads. Curvatures, not radii (RDM N), so that no digit is lost.
+//! CODE V sequence files (.seq): the commands that [`crate::import`] reads. Radii, or where one of them does not give back
+//! its curvature to the last digit, curvatures (RDM N, which not every program that reads such files understands).
 
 use super::{
     Only, Opening, Sheet, Stance, apertures, ascii, model_figures, only, replaces_rim, same_index, terms, unknown_profile,
@@ -13,10 +14,18 @@ use std::fmt::Write;
 /// Commands of the coefficients of r⁴, r⁶, ... r²⁰.
 const TERMS: [&str; 9] = ["A", "B", "C", "D", "E", "F", "G", "H", "J"];
 
+/// The radius (0 for a plane) whose reciprocal is a curvature to the last bit, if there is one.
+fn exact_radius(c: f64) -> Option<f64> {
+    let r = if c == 0.0 { return Some(0.0) } else { 1.0 / c };
+    [r, r.next_up(), r.next_down()].into_iter().find(|r| 1.0 / r == c)
+}
+
 /// The file and its notes.
 pub(super) fn write(sheet: &Sheet) -> Result<(String, Vec<String>), PrescriptionError> {
     let p = sheet.p;
-    let mut t = String::from("RDM N\nLEN NEW\n");
+    let curvature_of = |s: &Surface| shape(&s.profile).map_or(0.0, |(c, _)| c);
+    let radii: Option<Vec<f64>> = p.surfaces.iter().map(|s| exact_radius(curvature_of(s))).collect();
+    let mut t = format!("{}\nLEN NEW\n", if radii.is_some() { "RDM" } else { "RDM N" });
     let _ = writeln!(t, "TITLE '{}'\nDIM M", ascii(&p.name));
     let _ = match sheet.opening() {
         Opening::Stated(ApertureKind::EntrancePupil(d)) => writeln!(t, "EPD {d}"),
@@ -64,7 +73,7 @@ pub(super) fn write(sheet: &Sheet) -> Result<(String, Vec<String>), Prescription
             return Err(wrong("ideal lenses are not written for CODE V".into()));
         }
         let (c, commands) = shape(&s.profile).map_err(wrong)?;
-        let _ = writeln!(t, "S {c} {} {}", sheet.gaps[i], names[i]);
+        let _ = writeln!(t, "S {} {} {}", radii.as_ref().map_or(c, |r| r[i]), sheet.gaps[i], names[i]);
         for command in commands {
             let _ = writeln!(t, "  {command}");
         }

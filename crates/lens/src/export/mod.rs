@@ -7,6 +7,7 @@
 mod codev;
 mod zemax;
 
+use crate::analysis::Bench;
 use crate::aperture::Aperture;
 use crate::glass::{D_NM, F_NM, Glass, GlassKind};
 use crate::import::placed::tilts;
@@ -151,15 +152,18 @@ impl<'a> Sheet<'a> {
         }
     }
 
-    /// Field angles in y, degrees.
+    /// Field angles in y, degrees: those of the prescription, else up to what falls on the edge of its image circle.
     fn fields_deg(&self) -> Vec<f64> {
-        match (self.p.usage.field_angles_deg.is_empty(), self.p.focal_length, self.p.image_circle) {
-            (false, ..) => self.p.usage.field_angles_deg.clone(),
-            (true, Some(efl), Some(circle)) => {
-                let most = (0.5 * circle / efl.abs()).atan().to_degrees();
-                vec![0.0, 0.7 * most, most]
+        match self.p.image_circle {
+            _ if !self.p.usage.field_angles_deg.is_empty() => self.p.usage.field_angles_deg.clone(),
+            Some(circle) => {
+                let system = System::at(self.p, self.state);
+                let bench = Bench { system: &system, object_distance: self.p.usage.object_distance };
+                let rounded = |deg: f64| (1e6 * deg).round() / 1e6;
+                let most = rounded(bench.field_of_height(0.5 * circle));
+                if most > 0.0 { vec![0.0, rounded(0.7 * most), most] } else { vec![0.0] }
             }
-            _ => vec![0.0],
+            None => vec![0.0],
         }
     }
 

@@ -40,13 +40,11 @@ pub(super) fn write(sheet: &Sheet) -> Result<(String, Vec<String>), Prescription
     let _ = writeln!(t, "FTYP 0 0 {} {} 0 0 0", fields.len(), sheet.wavelengths_nm.len());
     let _ = writeln!(t, "XFLN{}", each(&mut fields.iter().map(|_| 0.0)));
     let _ = writeln!(t, "YFLN{}", each(&mut fields.iter().copied()));
-    let symmetric = |v: &[f64; 2]| (v[0] == v[1]).then_some(v[0]);
-    match p.usage.vignetting.iter().map(symmetric).collect::<Option<Vec<f64>>>() {
-        Some(v) if v.iter().any(|v| *v != 0.0) => {
-            let _ = writeln!(t, "VCYN{}", each(&mut v.iter().copied()));
-        }
-        Some(_) => {}
-        None => notes.push("vignetting factors that differ above and below are left out".into()),
+    // How far the pupil is moved and compressed: y′ = VDY + (1 − VCY) y.
+    let vignetting = &p.usage.vignetting;
+    if vignetting.iter().flatten().any(|v| *v != 0.0) {
+        let _ = writeln!(t, "VDYN{}", each(&mut vignetting.iter().map(|[up, low]| 0.5 * (low - up))));
+        let _ = writeln!(t, "VCYN{}", each(&mut vignetting.iter().map(|[up, low]| 0.5 * (low + up))));
     }
     for (i, nm) in sheet.wavelengths_nm.iter().enumerate() {
         let _ = writeln!(t, "WAVM {} {} 1", i + 1, nm / 1000.0);

@@ -106,12 +106,15 @@ pub fn find(name: &str, preferred: &[&str]) -> Result<Glass, GlassError> {
     };
     let entries = catalogue.by_name.get(&plain(&stem)).ok_or_else(unknown)?;
     let wanted: Vec<usize> = preferred.iter().filter_map(|v| vendor_of(v)).collect();
+    // A row that only knows the name does not hide one that has figures: of the vendor itself, and of others where none is named.
+    let has_figures = |e: &&(usize, usize)| !figures_missing(catalogue.lines[e.1..].lines().next().unwrap_or(""));
+    let of = |v: usize| {
+        let mut own = entries.iter().filter(move |e| e.0 == v);
+        own.clone().find(has_figures).or_else(|| own.next())
+    };
     let entry = match vendor {
-        Some(v) => entries.iter().find(|e| e.0 == v),
-        None => wanted.iter().find_map(|v| entries.iter().find(|e| e.0 == *v)).or_else(|| {
-            // A vendor that only knows the name does not hide one that has figures.
-            entries.iter().find(|e| !figures_missing(&catalogue.lines[e.1..])).or(entries.first())
-        }),
+        Some(v) => of(v),
+        None => wanted.iter().find_map(|v| of(*v)).or_else(|| entries.iter().find(has_figures).or(entries.first())),
     };
     let line = entry.and_then(|e| catalogue.lines[e.1..].lines().next()).ok_or_else(unknown)?;
     let fields: Vec<&str> = line.split(',').collect();

@@ -17,10 +17,10 @@
 //! | CIR, CIR OBS, CIR HOL | read; a hole blocks, since light that passes it is not followed |
 //! | REX REY, ELX ELY, also OBS and HOL; ADX, ADY (of CIR too) | read; one half width alone: the circle of it, with a note |
 //! | names NAME_VENDOR; codes 517.642, 517642, 517642.1, 1.5168:64.17; private glasses | read; aliases with a note (glass/alias.rs) |
-//! | XAN, YIM, YOB, XIM, XOB, XRI, YRI | left out (fields in x, or heights), with a note where it matters |
+//! | XAN, YIM, YOB, XIM, XOB, XRI, YRI | read as the angles of them where the lens is round (fields.rs), with a note; else left out, with a note |
 //! | PUI, PUX, PUY, TEL | left out, with a note |
 //! | curvature of SI | taken for plane, with a note |
-//! | solves of gaps and curvatures (THI HMY ...) | the figure of the surface's row stands, with a note |
+//! | solves of gaps and curvatures (THI HMY ...), pickups (PIK) | the figure of the surface's row stands, with a note |
 //! | TEM, PRE other than 20 °C and 1 atm | left out, with a note |
 //! | other solves, couplings, weights, tolerances, drawing, coatings (`HARMLESS`) | ignored: rays do not change |
 //! | after GO | commands that are not read are skipped, named in a note |
@@ -34,6 +34,7 @@ mod syntax;
 use self::surface::{Decenter, Kind, Opening, Place, Special};
 use self::syntax::{commands, is_qualifier, surface_number, words};
 use super::configurations::{Configurations, MOST as MOST_CONFIGURATIONS};
+use super::fields::{self, FieldKind};
 use super::layout::{ahead, lay_out};
 use super::placed::Placed;
 use super::{Skipped, drop_dummies, other_pressure, other_temperature, stem};
@@ -46,12 +47,12 @@ use std::collections::HashMap;
 
 /// Commands that do not change the lens: solves that have been solved, couplings, variables, tolerances, drawing, weights.
 const HARMLESS: &[&str] = &[
-    "LEN", "INI", "WTW", "WTF", "WTX", "WTY", "VUX", "VLX", "CUM", "THM", "PIM", "PIB", "PIK", "SLB", "DER", "VAL", "CLS", "CWL",
-    "CA", "CCY", "CCX", "CUC", "RDC", "THC", "GLC", "KC", "KXC", "KYC", "AC", "BC", "CC", "DC", "EC", "FC", "GC", "HC", "JC",
-    "ARC", "BRC", "CRC", "DRC", "APC", "BPC", "CPC", "DPC", "XDC", "YDC", "ZDC", "ADC", "BDC", "CDC", "XOC", "YOC", "ZOC", "POL",
-    "PFR", "SET", "EDI", "UNI", "AFC", "CRT", "CVY", "IMG", "WID", "RAY", "LIN", "SAV", "LIS", "FTY", "XFN", "PTP", "MFL", "DSP",
-    "CIN", "CIX", "GL1", "CTE", "COM", "DLT", "DLF", "DLR", "DLN", "DLX", "DLY", "DLZ", "DLA", "DLB", "DLG", "DLS", "DLV", "DLC",
-    "HCC", "HWC", "SCC", "BTX", "BTY", "CMP", "MNT", "MXT", "MNE", "MXE",
+    "LEN", "INI", "WTW", "WTF", "WTX", "WTY", "VUX", "VLX", "CUM", "THM", "PIM", "PIB", "SLB", "DER", "VAL", "CLS", "CWL", "CA",
+    "CCY", "CCX", "CUC", "RDC", "THC", "GLC", "KC", "KXC", "KYC", "AC", "BC", "CC", "DC", "EC", "FC", "GC", "HC", "JC", "ARC",
+    "BRC", "CRC", "DRC", "APC", "BPC", "CPC", "DPC", "XDC", "YDC", "ZDC", "ADC", "BDC", "CDC", "XOC", "YOC", "ZOC", "POL", "PFR",
+    "SET", "EDI", "UNI", "AFC", "CRT", "CVY", "IMG", "WID", "RAY", "LIN", "SAV", "LIS", "FTY", "XFN", "PTP", "MFL", "DSP", "CIN",
+    "CIX", "GL1", "CTE", "COM", "DLT", "DLF", "DLR", "DLN", "DLX", "DLY", "DLZ", "DLA", "DLB", "DLG", "DLS", "DLV", "DLC", "HCC",
+    "HWC", "SCC", "BTX", "BTY", "CMP", "MNT", "MXT", "MNE", "MXE",
 ];
 /// Solves of a gap or a curvature by the height, slope or incidence of the marginal or the chief ray, and of the paraxial image; CODE V writes the
 /// figure it has found in the surface's own row.
@@ -120,7 +121,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     // Whether SI and GO have been read.
     let (mut ended, mut gone) = (false, false);
     let (mut upper, mut lower): (Vec<f64>, Vec<f64>) = (vec![], vec![]);
-    let mut fields_are_angles = false;
+    // In x and in y.
+    let (mut field_kind, mut fields): (FieldKind, [Vec<f64>; 2]) = (FieldKind::Angle, Default::default());
     // Tangent of the outermost ray at the image, and the f-number of that for an object at infinity.
     let mut image_cone: Option<[f64; 2]> = None;
     // Private catalogue: wavelengths, then names with indices.
@@ -200,16 +202,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
             "NAO" => (p.usage.aperture, image_cone) = (Some(ApertureKind::ObjectNa(value()?)), None),
             "WL" => p.usage.wavelengths_nm = numbers(),
             "REF" => p.usage.reference = (value()? as usize).saturating_sub(1),
-            "YAN" => (p.usage.field_angles_deg, fields_are_angles) = (numbers(), true),
-            "YIM" | "YOB" | "YRI" => {
-                fields_are_angles = false;
-                note(&mut p, "fields are given as heights in the file; they are not taken over");
-            }
-            "XAN" | "XIM" | "XOB" | "XRI" => {
-                if numbers().iter().any(|x| *x != 0.0) {
-                    note(&mut p, "fields in x are not taken over, only those in y");
-                }
-            }
+            "YAN" | "YIM" | "YOB" | "YRI" => (field_kind, fields[1]) = (kind_of_field(&key), numbers()),
+            "XAN" | "XIM" | "XOB" | "XRI" => (field_kind, fields[0]) = (kind_of_field(&key), numbers()),
             "PUI" | "PUX" | "PUY" => note(&mut p, "the pupil's apodisation (PUI, PUX, PUY) is left out"),
             "TEM" | "PRE" => {
                 // °C, and millimetres of mercury; in one zoom position or all.
@@ -311,6 +305,9 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 &mut p,
                 "the solve PIM (the image at the paraxial focus) is left out: the figure that the file has there stands",
             ),
+            "PIK" => {
+                note(&mut p, &format!("the pickup PIK {} is left out: the figure that the file has there stands", rest.join(" ")))
+            }
             other if HARMLESS.contains(&other) => {}
             other => {
                 if let Some(zoom) = zoom_of(rest).filter(|z| *z > 1) {
@@ -480,6 +477,10 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     if rows.is_empty() {
         return Err(PrescriptionError::at(file, 0, "no surfaces: expected S lines of curvature or radius, gap and glass"));
     }
+    if !ended {
+        let what = "no image surface SI behind the last surface: expected a whole file, is it cut short?";
+        return Err(PrescriptionError::at(file, text.lines().count(), what));
+    }
     let shapes: Vec<f64> = rows.iter().map(|r| r.c.abs()).filter(|c| *c > 0.0).collect();
     let by_radius = radii.unwrap_or_else(|| {
         // Curvatures all above 1/mm would be lenses smaller than a grain: someone forgot RDM.
@@ -493,13 +494,25 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     if p.usage.reference >= p.usage.wavelengths_nm.len() {
         p.usage.reference = 0;
     }
-    if !fields_are_angles {
-        p.usage.field_angles_deg = vec![];
-    }
     // Where each surface stands, through the decenters.
     let moved = image_place.given || rows.iter().any(|r| r.place.given);
+    let figure = |of: &[f64], i: usize| of.get(i).copied().unwrap_or(0.0);
+    let count = fields[0].len().max(fields[1].len());
+    let unit = if field_kind == FieldKind::Angle { 1.0 } else { scale };
+    let places: Vec<[f64; 2]> = (0..count).map(|i| [0, 1].map(|k| figure(&fields[k], i) * unit)).collect();
+    let cuts: Vec<[f64; 2]> = (0..count).map(|i| [figure(&upper, i), figure(&lower, i)]).collect();
+    // Angles in y are known before the surfaces are placed, and told where these stand.
+    let are_plain = field_kind == FieldKind::Angle && (moved || places.iter().all(|[x, _]| *x == 0.0));
+    if are_plain {
+        if places.iter().any(|[x, _]| *x != 0.0) {
+            note(&mut p, "fields in x are not taken over, only those in y");
+        }
+        p.usage.field_angles_deg = places.iter().map(|[_, y]| *y).collect();
+        p.usage.vignetting = cuts.clone();
+    }
     let mut placed: Vec<Placed> = vec![];
     let mut here = DAffine3::IDENTITY;
+    let mut rims = vec![];
     for r in rows {
         let (line, number) = (r.surface.line, placed.len() + 1);
         let wrong = |what: &str| PrescriptionError::at(file, line, what).surface(number);
@@ -542,7 +555,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         s.obstruction *= scale;
         let (at, after) = r.place.around(scale);
         let gap = s.gap.at(0.0, 0.0);
-        let rim = s.mirror && (s.semi_diameter.is_some() || !s.apertures.is_empty());
+        let rim = s.semi_diameter.is_some();
         placed.push(Placed { surface: s, frame: here * at, rim });
         here *= after * ahead(gap);
     }
@@ -551,6 +564,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         let film = here * ahead(image.unwrap_or(0.0) * scale) * image_place.around(scale).0;
         lay_out(placed, film, &mut p).map_err(|(line, what)| PrescriptionError::at(file, line, what))?;
     } else {
+        rims = placed.iter().map(|r| r.rim).collect();
         p.surfaces = placed.into_iter().map(|r| r.surface).collect();
     }
     if moved && configurations.count > 1 {
@@ -565,9 +579,6 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     if image_curved {
         p.notes.push("the image surface is curved in the file; the film is flat".into());
     }
-    let fields = p.usage.field_angles_deg.len();
-    p.usage.vignetting =
-        (0..fields).map(|i| [upper.get(i).copied().unwrap_or(0.0), lower.get(i).copied().unwrap_or(0.0)]).collect();
     p.usage.aperture = p.usage.aperture.map(|a| match a {
         ApertureKind::EntrancePupil(d) => ApertureKind::EntrancePupil(d * scale),
         other => other,
@@ -578,13 +589,26 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     }
     skipped.note(&mut p);
     if !moved {
-        drop_dummies(&mut p);
+        drop_dummies(&mut p, &rims);
+    }
+    if !are_plain && let Err(why) = fields::set(&mut p, field_kind, &places, &cuts) {
+        p.notes.push(format!("fields that are not angles in y are not taken over: {why}"));
     }
     p.clip_given_rims();
     if let Some([tangent, f_number]) = image_cone {
         super::set_image_cone(&mut p, tangent, f_number);
     }
     p.checked(file)
+}
+
+/// What the fields of a command are.
+fn kind_of_field(command: &str) -> FieldKind {
+    match &command[1..] {
+        "OB" => FieldKind::ObjectHeight,
+        "IM" => FieldKind::ParaxialHeight,
+        "RI" => FieldKind::RealHeight,
+        _ => FieldKind::Angle,
+    }
 }
 
 /// Notes a gap of a zoom position (from 0).

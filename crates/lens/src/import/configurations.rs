@@ -6,7 +6,7 @@
 
 use crate::glass::D_NM;
 use crate::paraxial::FirstOrder;
-use crate::prescription::{Gap, Prescription};
+use crate::prescription::{ApertureKind, Gap, Prescription};
 use crate::system::{State, System};
 use std::collections::BTreeMap;
 
@@ -128,5 +128,11 @@ impl Configurations {
         }
         p.zoom = order.iter().map(|i| lengths[*i]).collect();
         p.notes.push(format!("the file's {count} configurations are zoom positions, in the order of their focal lengths"));
+        if matches!(p.usage.aperture, Some(ApertureKind::EntrancePupil(_) | ApertureKind::ObjectNa(_))) {
+            p.notes.push(
+                "the f-number at the first of them is that of all: the file's entrance pupil is not held while the lens zooms"
+                    .into(),
+            );
+        }
     }
 }

@@ -117,7 +117,7 @@ pub(super) fn lay_out(rows: Vec<Placed>, film: DAffine3, p: &mut Prescription) -
             tilt: tilts(&turn, false),
         });
         p.notes.push(format!(
-            "the film stands {steep:.2} degrees aslant and {:.3} mm beside the object's axis: the lens is moved before it instead",
+            "the film stands {steep:.2} degrees aslant and {:.3} mm beside the object's axis: the lens is moved before it instead, and fields count from the film's axis",
             place.truncate().length()
         ));
     }

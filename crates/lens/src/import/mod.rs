@@ -5,6 +5,7 @@
 
 mod codev;
 mod configurations;
+mod fields;
 mod iset;
 pub(crate) mod layout;
 mod off_axis;
@@ -131,9 +132,10 @@ fn table_row(before: Option<&Surface>, radius: f64, index: f64) -> Result<(Glass
     Ok((glass, stop))
 }
 
-/// Joins what came as dummy surfaces: planes in air that are not the stop only move what follows, and their sizes in files are
-/// not rims.
-fn drop_dummies(p: &mut Prescription) {
+/// Joins what came as dummy surfaces: planes in air that are not the stop only move what follows. Their sizes in files are drawn and stop no light, but for those of
+/// `rims`, by the surfaces of the file; surfaces beyond it have none.
+fn drop_dummies(p: &mut Prescription, rims: &[bool]) {
+    let mut rims: Vec<bool> = (0..p.surfaces.len()).map(|i| rims.get(i) == Some(&true)).collect();
     let mut i = 0;
     let mut dropped = 0;
     let first_z = p.surfaces.iter().position(|s| s.glass != Glass::air() || s.stop || s.mirror);
@@ -148,6 +150,7 @@ fn drop_dummies(p: &mut Prescription) {
             && s.glass == Glass::air()
             && !s.stop
             && !s.mirror
+            && !rims[i]
             && !s.is_obscured_or_limited()
             && s.ideal_focal_length.is_none()
             && s.diffractive.is_none();
@@ -173,6 +176,7 @@ fn drop_dummies(p: &mut Prescription) {
             before_first += gap;
         }
         p.surfaces.remove(i);
+        rims.remove(i);
         dropped += 1;
     }
     if let Some(d) = object {

@@ -13,7 +13,7 @@
 //! | RD, CV, TH, AIR, NXT, AST, GTO | read |
 //! | GLA name; GLA n or n at each wavelength; GLA MOD name with nd, Vd or indices | read; catalogue aliases with a note |
 //! | RFL, RFH, GLA REFLECT | a mirror |
-//! | AP r, AP CHK r; APCK | read as semi-diameters: both stop light |
+//! | AP r, AP CHK r; APCK | read as semi-diameters: both stop light, but for planes in air, of which those with CHK do, and the stop, which without CHK is as large as the stated beam |
 //! | CC; AD, AE, AF, AG; ASP ASR with AS1, AS2, ... (r², r⁴, ...); ASP ARA with AS1, AS2, ... (r, r², ...) | read |
 //! | CVX, RDX | read as a toroid |
 //! | PFL (perfect lens) | read as an ideal lens |
@@ -26,6 +26,7 @@
 //! | ASP of other kinds, GC, RCO n, gradients, gratings, diffractive surfaces, LMO, special apertures | error |
 //! | all others | skipped, named in a note |
 
+use super::fields::{self, FieldKind};
 use super::layout::{ahead, lay_out};
 use super::placed::Placed;
 use super::{Skipped, drop_dummies, other_pressure, other_temperature, stem};
@@ -69,6 +70,8 @@ struct Row {
     mirror: bool,
     stop: bool,
     semi_diameter: Option<f64>,
+    /// Light is checked against its semi-diameter.
+    checked: bool,
     ideal: Option<f64>,
     decenter: [f64; 3],
     returns: bool,
@@ -94,6 +97,7 @@ impl Row {
             mirror: false,
             stop: false,
             semi_diameter: None,
+            checked: false,
             ideal: None,
             decenter: [0.0; 3],
             returns: false,
@@ -112,7 +116,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     let mut scale = 1.0;
     let mut rows = vec![Row::new(1)];
     let mut waves: Vec<f64> = vec![];
-    let mut opened = false;
+    let (mut opened, mut ended) = (false, false);
+    let mut field_height: Option<(FieldKind, f64)> = None;
     for (line, words) in commands(text) {
         let Some((key, rest)) = words.split_first() else { continue };
         let key = key.to_uppercase();
@@ -150,9 +155,11 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
             "FNO" => p.usage.aperture = Some(ApertureKind::FNumber(figure(0)?)),
             "ANG" => {
                 let most = figure(0)?.abs();
+                field_height = None;
                 p.usage.field_angles_deg = if most > 1e-3 { vec![0.0, 0.7 * most, most] } else { vec![0.0] };
             }
-            "OBH" | "GIH" | "YIM" => p.notes.push("fields are given as heights in the file; they are not taken over".into()),
+            "OBH" => field_height = Some((FieldKind::ObjectHeight, figure(0)?.abs())),
+            "GIH" | "YIM" => field_height = Some((FieldKind::ParaxialHeight, figure(0)?.abs())),
             "WV" => waves = numbers(),
             _ if key.strip_prefix("WV").is_some_and(|d| d.parse::<u8>().is_ok()) => waves.extend(numbers()),
             "NXT" => {
@@ -170,7 +177,10 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                     rows.push(Row::new(line));
                 }
             }
-            "END" => break,
+            "END" => {
+                ended = true;
+                break;
+            }
             "AIR" => row.glass = Glass::air(),
             "RD" => (row.c, row.given[1]) = (curvature(figure(0)?), true),
             "CV" => (row.c, row.given[1]) = (figure(0)?, true),
@@ -213,6 +223,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 None => return Err(wrong("GLA: expected a glass".into())),
             },
             "AP" => {
+                row.checked |= rest.first().is_some_and(|w| w.eq_ignore_ascii_case("CHK"));
                 let radius = rest.last().and_then(|w| w.parse::<f64>().ok()).unwrap_or(0.0);
                 // Sizes of objects at infinity are as large.
                 row.semi_diameter = Some(radius).filter(|r| *r > 0.0 && *r < 1e5);
@@ -247,6 +258,10 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
             "no surfaces: expected LEN NEW, and surfaces between object and image with NXT",
         ));
     }
+    if !ended {
+        let what = "no END behind the last surface: expected a whole file, is it cut short?";
+        return Err(PrescriptionError::at(file, text.lines().count(), what));
+    }
     // Units and media.
     if waves.is_empty() {
         waves = [crate::glass::D_NM, crate::glass::F_NM, crate::glass::C_NM].map(|nm| nm * 1e-3).to_vec();
@@ -270,21 +285,27 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     let moved = rows.iter().skip(1).any(|r| r.moved) || image.moved;
     let mut placed: Vec<Placed> = vec![];
     let mut here = DAffine3::IDENTITY;
+    let mut rims = vec![];
     for (i, row) in rows.into_iter().enumerate().skip(1) {
         let wrong = |what: String| PrescriptionError::at(file, row.line, what).surface(i);
         let before = placed.last().map_or(Glass::air(), |r| r.surface.glass.clone());
         let mut surface = surface(&row, scale).map_err(wrong)?;
+        // The stated beam makes the stop as large as it needs to be.
+        if row.stop && !row.checked && p.usage.aperture.is_some() {
+            surface.semi_diameter = None;
+        }
         if row.mirror {
             surface.glass = before;
         }
         let (at, after) = around(&row, scale);
-        placed.push(Placed { rim: row.mirror && surface.semi_diameter.is_some(), surface, frame: here * at });
+        placed.push(Placed { rim: (row.mirror || row.checked) && surface.semi_diameter.is_some(), surface, frame: here * at });
         here *= after * ahead(row.gap * scale);
     }
     if moved {
         let film = here * around(&image, scale).0;
         lay_out(placed, film, &mut p).map_err(|(line, what)| PrescriptionError::at(file, line, what))?;
     } else {
+        rims = placed.iter().map(|r| r.rim).collect();
         p.surfaces = placed.into_iter().map(|r| r.surface).collect();
         // The image surface's own gap is how far the film stands behind the focus.
         p.usage.defocus = image.gap * scale;
@@ -297,7 +318,13 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     }
     skipped.note(&mut p);
     if !moved {
-        drop_dummies(&mut p);
+        drop_dummies(&mut p, &rims);
+    }
+    if let Some((kind, most)) = field_height {
+        let places = [0.0, 0.7, 1.0].map(|fraction| [0.0, fraction * most * scale]);
+        if let Err(why) = fields::set(&mut p, kind, if most > 0.0 { &places } else { &places[..1] }, &[]) {
+            p.notes.push(format!("fields given as heights are not taken over: {why}"));
+        }
     }
     p.clip_given_rims();
     p.checked(file)

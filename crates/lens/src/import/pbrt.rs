@@ -52,6 +52,6 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         comments.into_iter().filter(|c| !c.is_empty() && !c.to_lowercase().starts_with("radius")).take(6).collect();
     p.source = header.join("; ");
     p.notes.push("indices are constants: the file gives no dispersion".into());
-    drop_dummies(&mut p);
+    drop_dummies(&mut p, &[]);
     p.checked(file)
 }

@@ -14,7 +14,7 @@ pub(super) struct Placed {
     pub surface: Surface,
     /// From the surface's frame (vertex at the origin, +z along the local axis) into that of the first surface.
     pub frame: DAffine3,
-    /// Whether its size is a rim that stops light, so that it stays even where it bends nothing.
+    /// Whether its size is a rim that stops light, not only drawn: it stays even where it bends nothing.
     pub rim: bool,
 }
 

@@ -5,9 +5,12 @@
 //! | keyword | what is done |
 //! |---|---|
 //! | FNUM x 1 (paraxial working f-number), OBNA x 1 (half angle of the cone, degrees) | the entrance pupil of that beam, for an object at a finite distance |
-//! | MODE, NAME, UNIT, ENPD, FNUM, OBNA, FLOA, YFLN, VCYN, WAVM, PWAV, GCAT | read |
+//! | MODE, NAME, UNIT, ENPD, FNUM, OBNA, FLOA, YFLN, VCYN, VDYN, PWAV | read |
+//! | WAVM | read; a wavelength of weight 0 is left out, other weights count as 1, with a note where they differ |
+//! | VDXN, VCXN, VANN | left out, with a note where they are not zero |
+//! | GCAT | the makers asked first; INFRARED, MISC, BIREFRINGENT: materials of no maker |
 //! | WAVL (wavelengths of older files, in one line) | read where there is no WAVM |
-//! | FTYP | angles are read; heights and fields in x (XFLN) are left out, with a note |
+//! | FTYP | numbers of fields and wavelengths; angles in y are read; heights and fields in x (XFLN) as the angles of them, where the lens is round (fields.rs), with a note |
 //! | TYPE STANDARD, EVENASPH, ODDASPHE, XASPHERE, TOROIDAL, BICONICX, PARAXIAL (its OPD mode is not), GRINSUR1 to GRINSUR3, QED_TYPE | read |
 //! | TYPE SZERNSAG, FZERNSAG (their Zernike decentre: error unless 0; terms go on beyond the normalisation radius), XPOLYNOM, FRESNELS | read |
 //! | TYPE BINARY_1, BINARY_2 | read: phase in radians times the order, PARM 0 |
@@ -28,6 +31,7 @@
 //! | all others | skipped, named in a note |
 
 use super::configurations::{Configurations, MOST as MOST_CONFIGURATIONS};
+use super::fields::{self, FieldKind};
 use super::layout::{ahead, lay_out, moved_then_turned, turned_then_moved};
 use super::placed::Placed;
 use super::{Skipped, drop_dummies, other_pressure, other_temperature, stem};
@@ -59,10 +63,10 @@ const HARMLESS: &[&str] = &[
 ];
 /// Keywords of the head that do not change the lens.
 const HARMLESS_HEAD: &[&str] = &[
-    "VERS", "NOTE", "PFIL", "LANG", "GFAC", "RAIM", "PUSH", "SDMA", "ROPD", "PICB", "FWGN", "VDXN", "VDYN", "VCXN", "VANN",
-    "POLS", "GLRS", "GSTD", "NSCD", "COFN", "COFP", "FCOM", "FTYP", "WWGT", "WWGN", "ZVDX", "ZVDY", "ZVCX", "ZVAN", "ZVCY",
-    "FWGT", "VCXN", "RSCE", "RWRE", "CMSG", "EFFL", "TOL", "MNUM", "MOFF", "WAVN", "SWCN", "PUPD", "PUPZ", "EYES", "GRPH",
-    "TCMM", "TCED", "MCED", "MEID", "BLNK", "AUTH", "PSEQ", "NSCS", "IMAG", "ZCUS", "REAY", "EFLY", "LOPT", "ISNA",
+    "VERS", "NOTE", "PFIL", "LANG", "GFAC", "RAIM", "PUSH", "SDMA", "ROPD", "PICB", "FWGN", "VDXN", "VCXN", "VANN", "POLS",
+    "GLRS", "GSTD", "NSCD", "COFN", "COFP", "FCOM", "FTYP", "WWGT", "WWGN", "ZVDX", "ZVDY", "ZVCX", "ZVAN", "ZVCY", "FWGT",
+    "VCXN", "RSCE", "RWRE", "CMSG", "EFFL", "TOL", "MNUM", "MOFF", "WAVN", "SWCN", "PUPD", "PUPZ", "EYES", "GRPH", "TCMM",
+    "TCED", "MCED", "MEID", "BLNK", "AUTH", "PSEQ", "NSCS", "IMAG", "ZCUS", "REAY", "EFLY", "LOPT", "ISNA",
 ];
 
 /// Operands of configurations other than THIC.
@@ -80,6 +84,7 @@ struct Block {
     curvature: f64,
     conic: f64,
     gap: f64,
+    has_gap: bool,
     infinite: bool,
     glass: Option<Glass>,
     mirror: bool,
@@ -171,6 +176,17 @@ impl Block {
         (self.kind.as_deref() == Some("PARAXIAL")).then(|| self.parameters.get(&1).copied().unwrap_or(0.0))
     }
 
+    /// What an image surface, the last of every file, has not.
+    fn is_no_image(&self) -> Option<&'static str> {
+        match self {
+            b if !b.has_gap => Some("has no DISZ"),
+            b if b.gap != 0.0 || b.infinite => Some("has a gap behind it (DISZ)"),
+            b if b.glass.is_some() || b.mirror => Some("has a medium behind it (GLAS)"),
+            b if b.stop => Some("is the stop"),
+            _ => None,
+        }
+    }
+
     fn is_break(&self) -> bool {
         self.kind.as_deref() == Some("COORDBRK")
     }
@@ -197,10 +213,13 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     let mut skipped = Skipped::default();
     let mut waves: BTreeMap<usize, f64> = BTreeMap::new();
     let mut waves_in_a_line: Vec<f64> = vec![];
-    let (mut primary, mut field_kind, mut fields) = (1usize, 0.0, vec![]);
+    let (mut primary, mut field_kind) = (1usize, 0.0);
+    let (mut fields, mut fields_in_x): (Vec<f64>, Vec<f64>) = (vec![], vec![]);
     // Whether FNUM is the working f-number.
     let mut is_working = false;
-    let mut vignetting: Vec<f64> = vec![];
+    let (mut vignetting, mut pupil_shift): (Vec<f64>, Vec<f64>) = (vec![], vec![]);
+    let (mut field_count, mut wave_count): (Option<usize>, Option<usize>) = (None, None);
+    let mut weights: BTreeMap<usize, f64> = BTreeMap::new();
     let mut notes: Vec<String> = vec![];
     let mut configurations = Configurations::default();
     for (number, line) in text.lines().enumerate() {
@@ -221,6 +240,9 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         if key == "SURF" {
             if blocks.len() > crate::prescription::MOST_SURFACES + 2 {
                 return Err(wrong(format!("more than {} surfaces", crate::prescription::MOST_SURFACES)));
+            }
+            if rest.first().is_some_and(|n| n.parse() != Ok(blocks.len())) {
+                return Err(wrong(format!("SURF {}: expected SURF {}, in their order", rest[0], blocks.len())));
             }
             blocks.push(Block { line: number, ..Block::default() });
             continue;
@@ -258,16 +280,21 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 "OBNA" => p.usage.aperture = Some(ApertureKind::ObjectNa(value(0)?)),
                 // The stop's own size is the aperture.
                 "FLOA" => {}
-                "FTYP" => field_kind = value(0).unwrap_or(0.0),
-                "YFLN" | "YFLD" => fields = numbers(),
-                "XFLN" | "XFLD" => {
-                    if numbers().iter().any(|x| *x != 0.0) {
-                        notes.push("fields in x are not taken over, only those in y".into());
-                    }
+                "FTYP" => {
+                    field_kind = value(0).unwrap_or(0.0);
+                    let count = |i: usize| value(i).ok().filter(|n| *n >= 1.0).map(|n| n as usize);
+                    (field_count, wave_count) = (count(2), count(3));
                 }
+                "YFLN" | "YFLD" => fields = numbers(),
+                "XFLN" | "XFLD" => fields_in_x = numbers(),
                 "VCYN" => vignetting = numbers(),
+                "VDYN" => pupil_shift = numbers(),
+                "VDXN" | "VCXN" | "VANN" if numbers().iter().any(|v| *v != 0.0) => {
+                    notes.push(format!("vignetting factors in x and turned ones ({key}) are not taken over"));
+                }
                 "WAVM" => {
                     waves.insert(value(0)? as usize, value(1)?);
+                    weights.insert(value(0)? as usize, value(2).unwrap_or(1.0));
                 }
                 "WAVL" => waves_in_a_line = (0..rest.len()).map(&value).collect::<Result<_, _>>()?,
                 "PWAV" => primary = value(0)? as usize,
@@ -276,7 +303,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                     notes.extend(other_temperature(value(0)?).into_iter().chain(other_pressure(value(1)?)))
                 }
                 "ENVD" => {}
-                "GCAT" => vendors = rest.iter().map(|v| v.to_lowercase()).collect(),
+                "GCAT" => vendors = rest.iter().map(|v| catalogue(v)).collect(),
                 other if HARMLESS_HEAD.contains(&other) => {}
                 other => skipped.add(other),
             }
@@ -286,8 +313,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
             "TYPE" => block.kind = rest.first().map(|s| (*s).to_owned()),
             "CURV" => block.curvature = value(0)?,
             "CONI" => block.conic = value(0)?,
-            "DISZ" if rest.first() == Some(&"INFINITY") => block.infinite = true,
-            "DISZ" => block.gap = value(0)?,
+            "DISZ" if rest.first() == Some(&"INFINITY") => (block.infinite, block.has_gap) = (true, true),
+            "DISZ" => (block.gap, block.has_gap) = (value(0)?, true),
             "DIAM" => {
                 block.semi_diameter = Some(value(0)?).filter(|d| *d > 0.0);
                 block.fixed = rest.get(1) == Some(&"1");
@@ -379,6 +406,10 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         let what = format!("{} surfaces: expected SURF blocks for object, lens and image", blocks.len());
         return Err(PrescriptionError::at(file, 0, what));
     }
+    if let Some(what) = blocks.last().and_then(Block::is_no_image) {
+        let what = format!("the last surface {what}: expected an image surface, is the file cut short?");
+        return Err(PrescriptionError::at(file, text.lines().count(), what).surface(blocks.len() - 1));
+    }
     let object = &blocks[0];
     if !object.infinite && object.gap < 1e9 {
         p.usage.object_distance = Some(object.gap * scale);
@@ -386,6 +417,22 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     let last = blocks.len() - 1;
     if waves.is_empty() {
         waves = (1..).zip(waves_in_a_line).collect();
+    }
+    if let Some(count) = wave_count {
+        waves.retain(|number, _| *number <= count);
+        weights.retain(|number, _| *number <= count);
+    }
+    if !waves.is_empty() && !waves.contains_key(&primary) {
+        notes.push(format!("PWAV {primary}: the file has no such wavelength; the last one is the reference"));
+    }
+    let counted: Vec<f64> = weights.values().copied().filter(|w| *w > 0.0).collect();
+    if counted.iter().any(|w| *w != counted[0]) {
+        notes.push("weights of wavelengths are not taken over: all count alike".into());
+    }
+    // None counts where all would be left out.
+    if weights.values().any(|w| *w > 0.0) {
+        waves.retain(|number, _| *number == primary || weights.get(number) != Some(&0.0));
+        primary = waves.keys().take_while(|number| **number <= primary).count().max(1);
     }
     // Unused wavelengths are written as repeats of 0.55.
     let mut wavelengths: Vec<f64> = waves.values().map(|um| um * 1000.0).collect();
@@ -397,19 +444,31 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     }
     p.usage.reference = primary.saturating_sub(1).min(wavelengths.len().saturating_sub(1));
     p.usage.wavelengths_nm = wavelengths;
-    if field_kind == 0.0 {
-        while fields.len() > 1 && fields.last() == Some(&0.0) {
-            fields.pop();
-        }
-        p.usage.vignetting = fields.iter().enumerate().map(|(i, _)| [vignetting.get(i).copied().unwrap_or(0.0); 2]).collect();
-        p.usage.field_angles_deg = fields;
-    } else {
-        notes.push("fields are given as heights in the file; they are not taken over".into());
-    }
+    // Rows of fields are filled up with zeros.
+    let count = field_count.unwrap_or_else(|| {
+        let used = |of: &[f64]| of.iter().rposition(|v| *v != 0.0).map_or(of.len().min(1), |last| last + 1);
+        used(&fields).max(used(&fields_in_x))
+    });
+    let figure = |of: &[f64], i: usize| of.get(i).copied().unwrap_or(0.0);
+    let given = fields.len().max(fields_in_x.len()).min(count);
+    let places: Vec<[f64; 2]> = (0..given).map(|i| [figure(&fields_in_x, i), figure(&fields, i)]).collect();
+    // Places in the pupil are y′ = VDY + (1 − VCY) y: what that leaves out above and below.
+    let cut = |i: usize| [-1.0, 1.0].map(|side| figure(&vignetting, i) + side * figure(&pupil_shift, i));
+    let cuts: Vec<[f64; 2]> = (0..given).map(cut).collect();
     // Where each surface stands, through the coordinate breaks.
     let mut rows: Vec<Placed> = vec![];
     let mut here = DAffine3::IDENTITY;
+    let mut rims = vec![];
     let breaks = blocks[1..last].iter().any(Block::is_break);
+    // Angles in y are known before the surfaces are placed, and told where these stand.
+    let are_plain = field_kind == 0.0 && (breaks || places.iter().all(|[x, _]| *x == 0.0));
+    if are_plain {
+        if places.iter().any(|[x, _]| *x != 0.0) {
+            notes.push("fields in x are not taken over, only those in y".into());
+        }
+        p.usage.field_angles_deg = places.iter().map(|[_, y]| *y).collect();
+        p.usage.vignetting = cuts.clone();
+    }
     for (i, b) in blocks[1..last].iter().enumerate() {
         let wrong = |what: String| PrescriptionError::at(file, b.line, what).surface(i + 1);
         if b.infinite {
@@ -452,7 +511,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 coating: b.coating.as_deref().filter(|_| !b.mirror).and_then(coating),
                 ..Surface::new(shape, b.gap * scale, medium)
             };
-            rows.push(Placed { surface, frame: here, rim: b.mirror && (b.clear.is_some() || b.fixed) });
+            rows.push(Placed { surface, frame: here, rim: b.clear.is_some() || (b.mirror && b.fixed) });
         }
         here *= ahead(b.gap * scale);
     }
@@ -465,6 +524,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         }
         lay_out(rows, here, &mut p).map_err(|(line, what)| PrescriptionError::at(file, line, what))?;
     } else {
+        rims = rows.iter().map(|r| r.rim).collect();
         p.surfaces = rows.into_iter().map(|r| r.surface).collect();
         configurations.apply(&mut p);
     }
@@ -482,13 +542,39 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         p.source = format!("{}, Zemax file", stem(file));
     }
     if !breaks {
-        drop_dummies(&mut p);
+        drop_dummies(&mut p, &rims);
+    }
+    if !are_plain {
+        let kind = match field_kind {
+            0.0 => Some(FieldKind::Angle),
+            1.0 => Some(FieldKind::ObjectHeight),
+            2.0 => Some(FieldKind::ParaxialHeight),
+            3.0 => Some(FieldKind::RealHeight),
+            _ => None,
+        };
+        let unit = if field_kind == 0.0 { 1.0 } else { scale };
+        let places: Vec<[f64; 2]> = places.iter().map(|place| place.map(|v| v * unit)).collect();
+        let taken = match kind {
+            Some(kind) => fields::set(&mut p, kind, &places, &cuts),
+            None => Err("their kind is not read"),
+        };
+        if let Err(why) = taken {
+            p.notes.push(format!("fields that are not angles in y are not taken over: {why}"));
+        }
     }
     p.clip_given_rims();
     if let Some(ApertureKind::FNumber(n)) = p.usage.aperture.filter(|_| is_working) {
         super::set_image_cone(&mut p, 0.5 / n, n);
     }
     p.checked(file)
+}
+
+/// What our catalogue calls a catalogue of Zemax.
+fn catalogue(name: &str) -> String {
+    match name.to_lowercase().as_str() {
+        "infrared" | "misc" | "birefringent" => "material".into(),
+        other => other.into(),
+    }
 }
 
 /// What stands for a coating by its name in Zemax's own file of coatings, upper case.

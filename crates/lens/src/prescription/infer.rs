@@ -1,12 +1,13 @@
 //! What a prescription does not say and its other figures tell: stop, film and semi-diameters, and rims clipped where surfaces cross.
 
 use super::{ApertureKind, Gap, LARGEST, Prescription, PrescriptionError, Surface};
+use crate::at_stop::chief_of;
 use crate::f_number;
 use crate::paraxial;
 use crate::ray::{Apertures, TraceDirection, TracedRay};
 use crate::surface::Profile;
 use crate::system::{State, System};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 impl Prescription {
     /// The wavelength at which missing figures are inferred, nm: the d line, or the stated reference where a glass has no index there.
@@ -55,7 +56,7 @@ impl Prescription {
     }
 
     /// The surface whose rim the axial beam touches first.
-    pub(super) fn infer_stop(&self) -> usize {
+    pub(crate) fn infer_stop(&self) -> usize {
         let system = System::at(self, State::default());
         let heights = paraxial::Trace::axial(&system, &system.indices(self.inference_nm())).heights;
         let ratio = |i: &usize| {
@@ -133,23 +134,21 @@ impl Prescription {
         let mut height = vec![0.0f64; self.surfaces.len()];
         for (f, angle) in fields.iter().enumerate() {
             let [up, low] = self.usage.vignetting.get(f).copied().unwrap_or([0.0; 2]);
-            for y in [1.0 - up, 0.0, -(1.0 - low)] {
-                for x in [0.0, 1.0] {
-                    if x == 1.0 && y != 0.0 {
-                        continue;
-                    }
-                    let ray = entrance_ray(&first, self.usage.object_distance, *angle, [x * pupil, y * pupil]);
-                    let mut passed = vec![None; self.surfaces.len()];
-                    let traced = system.trace_with(ray, &n, TraceDirection::ToFilm, Apertures::Ignore, |e| {
-                        let s = &system.surfaces[e.surface];
-                        let p = s.to_local(e.point, DVec3::Z).0;
-                        passed[e.surface] = Some(p.x.hypot(p.y));
-                    });
-                    // A ray that fails says nothing but is no reason to give up: the others do.
-                    let _ = traced;
-                    for (h, p) in height.iter_mut().zip(&passed) {
-                        *h = h.max(p.unwrap_or(0.0));
-                    }
+            // Where surfaces stand beside the axis the light through the stop does so, too.
+            let ray_of = |place: DVec2| entrance_ray(&first, self.usage.object_distance, *angle, place.to_array());
+            let middle = chief_of(&system, &n, ray_of).unwrap_or(DVec2::ZERO);
+            for place in [[0.0, 1.0 - up], [0.0, 0.0], [0.0, low - 1.0], [1.0, 0.0], [-1.0, 0.0]] {
+                let ray = ray_of(middle + DVec2::from_array(place) * pupil);
+                let mut passed = vec![None; self.surfaces.len()];
+                let traced = system.trace_with(ray, &n, TraceDirection::ToFilm, Apertures::Ignore, |e| {
+                    let s = &system.surfaces[e.surface];
+                    let p = s.to_local(e.point, DVec3::Z).0;
+                    passed[e.surface] = Some(p.x.hypot(p.y));
+                });
+                // A ray that fails says nothing but is no reason to give up: the others do.
+                let _ = traced;
+                for (h, p) in height.iter_mut().zip(&passed) {
+                    *h = h.max(p.unwrap_or(0.0));
                 }
             }
         }

@@ -1,12 +1,15 @@
 //! Surfaces, phases and configurations of lens files of other programs, on short files written for these tests; and a report over a folder of
 //! files from elsewhere.
 
+use diopter_lens::compound::Setting;
+use diopter_lens::export::{self, ExportFormat};
 use diopter_lens::glass::D_NM;
 use diopter_lens::import::{self, Format};
 use diopter_lens::paraxial::FirstOrder;
 use diopter_lens::surface::Profile;
-use diopter_lens::{Prescription, State, System};
+use diopter_lens::{CompoundLens, Focus, Prescription, State, System};
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
 fn read(format: Format, text: &str) -> Prescription {
     import::read(text.as_bytes(), format, "test").unwrap_or_else(|e| panic!("{e}\n{text}"))
@@ -188,12 +191,178 @@ fn oslo_files_are_read_with_solves_and_pickups() {
         "{a:?}"
     );
     assert!(p.surfaces[3].stop && p.surfaces[3].semi_diameter == Some(140.0) && p.surfaces[1].gap.at(0.0, 0.0) == 10.0);
+    // Without CHK the stop is no smaller than the beam of EBR.
+    let small = read(Format::Oslo, &DOUBLET.replace("GLA N-LASF43", "GLA N-LASF43; AST; AP 3"));
+    assert!((small.surfaces[0].semi_diameter.unwrap() - 15.0).abs() < 1e-3, "{:?}", small.surfaces[0].semi_diameter);
     assert!(error(Format::Oslo, &DOUBLET.replace("GLA N-LASF43", "GLA NOGLASS1")).contains("surface 1: "));
     assert!(error(Format::Oslo, &DOUBLET.replace("PK  GLA  -2", "PK GLA -9")).contains("earlier surface"));
     assert!(error(Format::Oslo, &DOUBLET.replace("RD   50.0", "TLA 10")).contains("TLA 10"));
     assert!(error(Format::Oslo, &DOUBLET.replace("RD   50.0", "RD x")).contains("RD x: expected a number"));
     assert!(error(Format::Oslo, "RD 50").contains("LEN NEW"));
     assert!(error(Format::Oslo, "LEN NEW \"x\" 1 1\nNXT\nEND 1").contains("no surfaces"));
+}
+
+/// A singlet of f = 50 mm, and 10 mm behind it a plane in air: with its lines in each format.
+fn singlet_and_plane(format: Format, plane: &str, fields: &str) -> String {
+    match format {
+        Format::Zemax => format!(
+            "MODE SEQ\nUNIT MM\nENPD 20\nGCAT SCHOTT\n{fields}WAVM 1 0.587562 1\nPWAV 1\nSURF 0\n TYPE STANDARD\n DISZ INFINITY\n\
+             SURF 1\n STOP\n TYPE STANDARD\n CURV 0.02\n DISZ 5\n GLAS N-BK7 0 0 1.5 40 0 0 0\n DIAM 12 1\nSURF 2\n TYPE STANDARD\n CURV -0.02\n DISZ 10\n DIAM 12 1\n\
+             SURF 3\n TYPE STANDARD\n CURV 0\n DISZ 35\n{plane}\nSURF 4\n TYPE STANDARD\n CURV 0\n DISZ 0\n"
+        ),
+        Format::CodeV => format!(
+            "RDM;LEN\nEPD 20\nWL 587.562\n{fields}SO 0 1e13\nS 50 5 NBK7_SCHOTT; STO; CIR 12\nS -50 10; CIR 12\nS 0 35\n{plane}\nSI 0 0\nGO\n"
+        ),
+        _ => format!(
+            "LEN NEW \"x\" 1 4\nEBR 10\n{fields}UNI 1\nTH 1e20\nNXT\nRD 50\nTH 5\nGLA N-BK7\nAST\nAP 12\nNXT\nRD -50\nTH 10\nAIR\nAP 12\nNXT\nTH 35\nAIR\n{plane}\nNXT\nAIR\nWV 0.587562\nEND 4\n"
+        ),
+    }
+}
+
+#[test]
+fn planes_in_air_stay_where_they_stop_light() {
+    for (format, rim, drawn) in
+        [(Format::Zemax, " DIAM 5 1\n CLAP 0 5 0", " DIAM 5 1"), (Format::CodeV, "CIR 5", ""), (Format::Oslo, "AP CHK 5", "AP 5")]
+    {
+        let p = read(format, &singlet_and_plane(format, rim, ""));
+        assert_eq!((p.surfaces.len(), p.surfaces[2].semi_diameter), (3, Some(5.0)), "{format:?}: {:?}", p.notes);
+        assert_eq!(read(format, &singlet_and_plane(format, drawn, "")).surfaces.len(), 2, "{format:?}");
+        // And in what is written of it.
+        for to in [ExportFormat::Zemax, ExportFormat::CodeV] {
+            let written = export::write(&p, State::default(), to).unwrap().text;
+            let back = read(if to == ExportFormat::Zemax { Format::Zemax } else { Format::CodeV }, &written);
+            let shape =
+                |p: &Prescription| -> Vec<_> { p.surfaces.iter().map(|s| (s.profile.curvature(), s.semi_diameter)).collect() };
+            assert_eq!(shape(&back), shape(&p), "{format:?} {to:?}");
+        }
+    }
+}
+
+#[test]
+fn files_that_are_cut_short_are_refused() {
+    for (format, ends) in [
+        (Format::Zemax, &["CURV -0.02", "SURF 3", " TYPE STANDARD\n CURV 0\n DISZ 0"][..]),
+        (Format::CodeV, &["SI 0 0", "S 0 35"]),
+        (Format::Oslo, &["END 4", "WV 0.5"]),
+    ] {
+        let whole = singlet_and_plane(format, "", "");
+        for end in ends {
+            let cut = &whole[..whole.rfind(end).unwrap()];
+            let told = error(format, cut);
+            assert!(told.contains("cut short"), "{format:?} before {end}: {told}");
+        }
+    }
+    let mixed = singlet_and_plane(Format::Zemax, "", "").replace("SURF 3", "SURF 5");
+    assert!(error(Format::Zemax, &mixed).contains("SURF 5: expected SURF 3"));
+}
+
+#[test]
+fn fields_of_any_kind_become_angles() {
+    let angles = |format: Format, fields: &str| {
+        let p = read(format, &singlet_and_plane(format, "", fields));
+        (p.usage.field_angles_deg.clone(), p.usage.vignetting.clone(), p)
+    };
+    // As many as the head counts, also one on the axis behind others.
+    assert_eq!(angles(Format::Zemax, "FTYP 0 0 3 1 0 0 0\nXFLN 0 0 0 0\nYFLN 10 5 0 0\n").0, [10.0, 5.0, 0.0]);
+    // By hand: at infinity a paraxial height is f tan θ; in x and y by their common tangent.
+    let f = first(&angles(Format::Zemax, "").2, 0.0, D_NM).efl;
+    let degrees = |tangent: f64| tangent.atan().to_degrees();
+    for (format, fields, expected) in [
+        (Format::Zemax, "FTYP 2 0 2 1 0 0 0\nYFLN 0 10\n", degrees(10.0 / f)),
+        (Format::CodeV, "YIM 0 10\n", degrees(10.0 / f)),
+        (Format::Oslo, "GIH 10\n", degrees(10.0 / f)),
+        (
+            Format::Zemax,
+            "FTYP 0 0 2 1 0 0 0\nXFLN 0 3\nYFLN 0 4\n",
+            degrees(3f64.to_radians().tan().hypot(4f64.to_radians().tan())),
+        ),
+        (Format::CodeV, "XAN 0 5\n", 5.0),
+    ] {
+        let (found, _, p) = angles(format, fields);
+        assert!((found.last().unwrap() - expected).abs() < 1e-6, "{fields}: {found:?}, expected {expected}; {:?}", p.notes);
+    }
+    // The chief ray of a real height lands there.
+    let (found, _, p) = angles(Format::Zemax, "FTYP 3 0 2 1 0 0 0\nYFLN 0 10\n");
+    let system = System::at(&p, State::default());
+    let chief = diopter_lens::analysis::Bench::at_infinity(&system).field_of_height(10.0);
+    assert!((found[1] - chief).abs() < 1e-6 && (found[1] - degrees(10.0 / f)).abs() > 0.01, "{found:?} {chief}");
+    // An object 200 mm before the first surface, which is the stop: seen from its vertex. What lies above the axis is cut from the other side.
+    let near = singlet_and_plane(Format::Zemax, "", "FTYP 1 0 2 1 0 0 0\nYFLN 0 20\nVDYN 0 0.1\nVCYN 0 0.2\n")
+        .replace("DISZ INFINITY", "DISZ 200");
+    let p = read(Format::Zemax, &near);
+    assert!((p.usage.field_angles_deg[1] - degrees(0.1)).abs() < 1e-6, "{:?}", p.usage.field_angles_deg);
+    assert!(
+        (p.usage.vignetting[1][0] - 0.3).abs() < 1e-12 && (p.usage.vignetting[1][1] - 0.1).abs() < 1e-12,
+        "{:?}",
+        p.usage.vignetting
+    );
+    assert!(p.notes.iter().any(|n| n.contains("heights of the object")), "{:?}", p.notes);
+}
+
+#[test]
+fn vignetting_factors_pass_through_both_formats() {
+    let p = read(Format::CodeV, &singlet_and_plane(Format::CodeV, "", "YAN 0 10\nVUY 0 0.3\nVLY 0 0.1\n"));
+    assert_eq!(p.usage.vignetting, [[0.0, 0.0], [0.3, 0.1]]);
+    for (to, from) in [(ExportFormat::Zemax, Format::Zemax), (ExportFormat::CodeV, Format::CodeV)] {
+        let back = read(from, &export::write(&p, State::default(), to).unwrap().text);
+        for (a, b) in back.usage.vignetting.as_flattened().iter().zip(p.usage.vignetting.as_flattened()) {
+            assert!((a - b).abs() < 1e-12, "{to:?}: {:?}", back.usage.vignetting);
+        }
+    }
+}
+
+#[test]
+fn wavelengths_without_weight_do_not_count() {
+    let with = |weights: [f64; 3], primary: usize| {
+        let [a, b, c] = weights;
+        let waves = format!("WAVM 1 0.486133 {a}\nWAVM 2 0.587562 {b}\nWAVM 3 0.656273 {c}\nPWAV {primary}\n");
+        let p = read(Format::Zemax, &singlet_and_plane(Format::Zemax, "", "").replace("WAVM 1 0.587562 1\nPWAV 1\n", &waves));
+        (p.usage.wavelengths_nm.iter().map(|nm| nm.round() as u32).collect::<Vec<_>>(), p.usage.reference, p.notes.join(" "))
+    };
+    let (all, reference, notes) = with([1.0, 1.0, 1.0], 2);
+    assert_eq!((all, reference), (vec![486, 588, 656], 1));
+    assert!(!notes.contains("weights"), "{notes}");
+    let (two, reference, notes) = with([0.0, 1.0, 0.5], 3);
+    assert_eq!((two, reference), (vec![588, 656], 1));
+    assert!(notes.contains("weights"), "{notes}");
+    assert!(with([1.0, 1.0, 1.0], 9).2.contains("PWAV 9"));
+}
+
+#[test]
+fn glasses_of_the_catalogues_that_a_file_names_come_first() {
+    let index = |catalogue: &str, glass: &str| {
+        let text = singlet_and_plane(Format::Zemax, "", "").replace("GCAT SCHOTT", catalogue).replace("N-BK7", glass);
+        read(Format::Zemax, &text).surfaces[0].glass.index(D_NM)
+    };
+    // Malitson 1964: barium fluoride; Hoya's BAF2 is a glass of 1.5697.
+    assert!((index("GCAT INFRARED", "BAF2") - 1.4744).abs() < 2e-4, "{}", index("GCAT INFRARED", "BAF2"));
+    assert!((index("GCAT HOYA", "BAF2") - 1.5697).abs() < 2e-4);
+    // Known to Schott's list by its name alone, and by its figures to that of glasses no longer made.
+    assert!((index("GCAT SCHOTT", "B270") - 1.523).abs() < 2e-3, "{}", index("GCAT SCHOTT", "B270"));
+}
+
+#[test]
+fn inferred_rims_pass_the_beam_of_decentred_surfaces() {
+    let text = "RDM;LEN\nEPD 20\nWL 587.6\nYAN 0\nSO 0 1e13\nS 60 6 NBK7_SCHOTT\nSTO\nS -60 20\nS 80 3 NSF5_SCHOTT\nYDE 3\nS -200 30\nSI 0 0\nGO\n";
+    for text in [text.to_owned(), text.replace("YDE 3", "XDE 3"), text.replace("YDE 3", "XDE -3")] {
+        let p = read(Format::CodeV, &text);
+        let setting = Setting { focal_length: None, f_number: None, focus: Focus::Infinity, iris: None, film_mm: [10.0, 10.0] };
+        let lens = CompoundLens::new(Arc::new(p.clone()), &setting).unwrap();
+        let first = first(&p, 0.0, 587.6);
+        assert!((first.efl / lens.f_number() - 20.0).abs() < 0.02, "{text}: {}", first.efl / lens.f_number());
+    }
+}
+
+#[test]
+fn lenses_are_written_with_the_fields_that_fall_on_their_picture() {
+    for name in ["double-gauss-50mm", "fisheye-10.5mm-f2.8"] {
+        let p = diopter_lens::embedded(name).unwrap();
+        let back = read(Format::Zemax, &export::write(&p, State::default(), ExportFormat::Zemax).unwrap().text);
+        let most = back.usage.field_angles_deg.iter().copied().fold(0.0, f64::max);
+        let system = System::at(&p, State::default());
+        let edge = diopter_lens::analysis::Bench::at_infinity(&system).field_of_height(0.5 * p.image_circle.unwrap());
+        assert!((most - edge).abs() < 0.01 && most > 20.0, "{name}: {most}, {edge}");
+    }
 }
 
 /// Prints name, wavelength, focal length and back focus of every lens file in the folder that DIOPTER_LENS_FILES names.

@@ -130,7 +130,7 @@ impl Table {
         let bench = analysis::Bench { system: &set.system, object_distance };
         let fields = match &asked.field {
             Some(list) => list.0.clone(),
-            None if prescription.usage.field_angles_deg.len() > 1 => prescription.usage.field_angles_deg.clone(),
+            None if !prescription.usage.field_angles_deg.is_empty() => prescription.usage.field_angles_deg.clone(),
             None => {
                 let height = prescription.image_circle.map_or(0.36 * set.efl, |c| 0.5 * c);
                 fields_to(bench.field_of_height(height))

@@ -184,6 +184,8 @@ impl Info {
                 t,
                 "\n  the lens has no axis: first order is that about its base ray, the mean of both sections; third-order sums are not computed"
             )?;
+        }
+        if !sum.seidel.iter().all(|v| v.is_finite()) {
             return finish(asked, || layout(&table), &t, &Value::Null, false);
         }
         if !system.is_rotational() {
