@@ -11,10 +11,12 @@
 //! Dansereau et al. 2013, "Decoding, calibration and rectification for lenselet-based plenoptic cameras" (the geometry).
 
 mod decode;
+mod pupils;
 pub(crate) mod settings;
 
 pub use self::decode::{Decoder, DepthMap};
 
+use self::pupils::Pupils;
 use self::settings::LightField as Settings;
 use crate::setting::RecipeError;
 use diopter_image::{ExposureFacts, LightFieldFacts, RawHeader};
@@ -56,6 +58,8 @@ impl Focus {
 #[derive(Clone, Debug)]
 pub struct LightField {
     facts: LightFieldFacts,
+    /// Shapes of the pupil over the film; a disk everywhere without.
+    pupils: Option<Pupils>,
     /// Lenses, mm on the film.
     lattice: Lattice,
     magnification: f64,
@@ -96,7 +100,13 @@ impl LightField {
         if size.iter().any(|n| *n < 2) || size[0] > mosaic[0] || size[1] > mosaic[1] || magnification <= 0.0 {
             return bad("microlenses do not fit its pixels");
         }
+        let film_mm = DVec2::from_array([0, 1].map(|k| mosaic[k] as f64 * facts.pixel_mm[k]));
+        let pupils = facts.pupils.as_ref().map(|shapes| Pupils::new(shapes, film_mm));
+        if let Some(None) = pupils {
+            return bad("shapes of the pupil make no sense");
+        }
         Ok(Some(LightField {
+            pupils: pupils.flatten(),
             radius_px: facts.gap_mm * facts.pupil_slope / facts.pixel_mm[0],
             facts,
             lattice,

@@ -1,7 +1,7 @@
 //! A lens, a film and a place in the world.
 
 use crate::camera_motion::CameraMotion;
-use diopter_image::LightFieldFacts;
+use diopter_image::{LightFieldFacts, PupilShapes};
 use diopter_lens::Lens;
 use diopter_lens::microlens::MicrolensArray;
 use glam::{Affine3A, DVec2, Mat3A, Vec3, Vec3A};
@@ -133,7 +133,27 @@ impl Camera {
             exit_curvature_per_mm: self.lens.exit_curvature(),
             pupil_slope: self.lens.pupil_slope(),
             object_offset_mm,
+            pupils: Some(self.pupil_shapes()),
         })
+    }
+
+    /// Shapes of the pupil over the film, as a picture shows them.
+    fn pupil_shapes(&self) -> PupilShapes {
+        /// Places across and down, and directions: cat's eyes are then known within about a hundredth of the pupil's radius.
+        const COUNTS: [usize; 2] = [11, 9];
+        const DIRECTIONS: usize = 24;
+        // On the film the picture is upside down: its right is −x, down is +y.
+        let on_film = |v: DVec2| DVec2::new(-v.x, v.y);
+        let turn = std::f64::consts::TAU / DIRECTIONS as f64;
+        let directions: Vec<DVec2> = (0..DIRECTIONS).map(|k| on_film(DVec2::from_angle(turn * k as f64))).collect();
+        let size = DVec2::new(self.film.width_mm, self.film.height_mm);
+        let shape = |at: DVec2| {
+            let reaches = self.lens.pupil_extents(on_film(at), &directions).unwrap_or_default();
+            reaches.into_iter().map(|r| (1e4 * r).round() / 1e4).collect()
+        };
+        let [columns, rows] = COUNTS.map(|n| (0..n).map(move |i| i as f64 / (n - 1) as f64 - 0.5));
+        let extents = rows.flat_map(|y| columns.clone().map(move |x| DVec2::new(x, y))).map(|at| shape(at * size)).collect();
+        PupilShapes { counts: COUNTS, extents }
     }
 }
 

@@ -30,7 +30,7 @@ pub mod truth;
 
 pub use encoding::Encoding;
 pub use focal_plane::FocalPlane;
-pub use metadata::{ExposureFacts, LensProfile, LightFieldFacts, MergedFacts, RowTimes, ShutterFacts};
+pub use metadata::{ExposureFacts, LensProfile, LightFieldFacts, MergedFacts, PupilShapes, RowTimes, ShutterFacts};
 pub use picture::{Picture, PictureSource};
 pub use raster::Raster;
 pub use raw::{Cfa, RawHeader, RawImage};

@@ -233,6 +233,18 @@ pub struct LightFieldFacts {
     pub pupil_slope: f64,
     /// What is added to a distance from the lens for the reciprocal law: extension = (focal length)² / (distance + this).
     pub object_offset_mm: f64,
+    /// Shapes of the pupil over the film; without them it is a disk everywhere.
+    pub pupils: Option<PupilShapes>,
+}
+
+/// Shapes of the exit pupil as places of the film see it, cut by rims and blades.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PupilShapes {
+    /// How many places across and down: rows and columns from edge to edge of the film. At least two of each.
+    pub counts: [usize; 2],
+    /// For each of them, row by row from the upper left, how far the shape reaches from the place of its middle on the axis in evenly spaced directions, the
+    /// first one to the right, the next ones turned downwards, in radii of the pupil (its support function). No numbers where no light arrives.
+    pub extents: Vec<Vec<f64>>,
 }
 
 /// When a picture was open.

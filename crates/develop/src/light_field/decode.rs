@@ -1,5 +1,6 @@
 //! Pictures and depth of a light field: its samples summed with a shift, through parts of the pupil.
 
+use super::pupils::{Grid, Pupils};
 use super::settings::LightField as Settings;
 use super::{Focus, LightField};
 use crate::region::{Planes, Region};
@@ -46,6 +47,22 @@ pub struct Decoder<'a> {
     pub mosaic: Mosaic<'a>,
 }
 
+/// What a part of the pupil shows.
+struct Gathered {
+    /// Of each channel.
+    planes: Vec<Vec<f32>>,
+    /// What it was made of in each pixel: samples, of all channels.
+    weight: Vec<f32>,
+}
+
+/// A grey picture through a place of the pupil.
+struct View {
+    /// Where its light comes from on average, at places of the film ([`Decoder::grid`]).
+    middles: Vec<Vec2>,
+    /// Its pixels, and how much of the light of a view that nothing is cut from each is made of, 0 to 1.
+    cells: Vec<[f32; 2]>,
+}
+
 /// Sums of weighted samples of some rows of a picture.
 struct Sums {
     /// Their first row.
@@ -67,8 +84,8 @@ impl Decoder<'_> {
             (None, None) => Through::Disk(1.0),
         };
         let planes = match focus {
-            Focus::AsTaken => self.gather(through, 0.0),
-            Focus::At(distance) => self.gather(through, self.field.shift_for(distance)?),
+            Focus::AsTaken => self.gather(through, 0.0).planes,
+            Focus::At(distance) => self.gather(through, self.field.shift_for(distance)?).planes,
             Focus::Everything => self.all_in_focus(through),
         };
         let [width, height] = self.field.size;
@@ -82,13 +99,14 @@ impl Decoder<'_> {
     }
 
     /// Adds up what falls on each pixel of a picture when light through the pupil's edge is shifted by `shift` pixels.
-    fn gather(&self, through: Through, shift: f64) -> Vec<Vec<f32>> {
+    fn gather(&self, through: Through, shift: f64) -> Gathered {
         self.gather_all(&[through], shift).swap_remove(0)
     }
 
     /// The same through several parts of the pupil at once.
-    fn gather_all(&self, through: &[Through], shift: f64) -> Vec<Vec<Vec<f32>>> {
+    fn gather_all(&self, through: &[Through], shift: f64) -> Vec<Gathered> {
         let f = self.field;
+        let has_views = through.iter().any(|t| matches!(t, Through::View(..)));
         let [width, height] = f.size;
         let channels = self.mosaic.cfa.channel_count();
         let [columns, rows] = f.mosaic;
@@ -114,8 +132,9 @@ impl Decoder<'_> {
                         let at = self.place(lens) - (q * shift as f32).as_dvec2();
                         let channel = self.mosaic.cfa.channel_at(x, y);
                         let value = self.mosaic.data[y * columns + x];
+                        let inside = if has_views { self.inside(lens, q) } else { 0.0 };
                         for (sums, through) in sums.iter_mut().zip(through) {
-                            let (taken, expected) = weights(*through, q, f.radius_px as f32);
+                            let (taken, expected) = weights(*through, q, inside, f.radius_px as f32);
                             if taken > 0.0 {
                                 sums.splat(at, width, channels, channel, [taken * value, expected]);
                             }
@@ -127,7 +146,7 @@ impl Decoder<'_> {
             .collect();
         // Light that the lens gathers on the image of the pupil was spread over the whole lens on a film.
         let fraction = (std::f64::consts::PI * (f.facts.gap_mm * f.facts.pupil_slope).powi(2) / f.lattice.cell_area()) as f32;
-        let plane = |i: usize, channel: usize| {
+        let plane = |i: usize, channel: usize, weight: &mut [f32]| {
             let mut plane: Vec<[f32; 2]> = vec![[0.0; 2]; width * height];
             for sums in parts.iter().map(|p| &p[i]) {
                 for (to, from) in plane[(sums.first * width).min(width * height)..]
@@ -138,9 +157,14 @@ impl Decoder<'_> {
                     to[1] += from[1];
                 }
             }
+            weight.iter_mut().zip(&plane).for_each(|(sum, [_, w])| *sum += w);
             filled(plane, width).into_iter().map(|v| v * fraction).collect()
         };
-        (0..through.len()).into_par_iter().map(|i| (0..channels).map(|c| plane(i, c)).collect()).collect()
+        let gathered = |i: usize| {
+            let mut weight = vec![0.0; width * height];
+            Gathered { planes: (0..channels).map(|c| plane(i, c, &mut weight)).collect(), weight }
+        };
+        (0..through.len()).into_par_iter().map(gathered).collect()
     }
 
     /// The lens (mm on the film) that a pixel of the mosaic belongs to, and its place in the pupil, 1 at the edge.
@@ -160,41 +184,66 @@ impl Decoder<'_> {
         lens / self.field.step_mm + 0.5 * DVec2::new(width as f64, height as f64)
     }
 
+    /// How far a place in the pupil lies from the edge of what a lens (mm on the film) sees, inside above 0, in radii.
+    fn inside(&self, lens: DVec2, q: Vec2) -> f32 {
+        self.field.pupils.as_ref().map_or_else(|| 1.0 - q.length(), |pupils| pupils.inside(lens, q))
+    }
+
+    /// Places on the film at which the middles of views are known.
+    fn grid(&self) -> Grid {
+        self.field.pupils.as_ref().map_or(Grid::MIDDLE, Pupils::grid)
+    }
+
     /// Grey, slightly soft pictures through places of the pupil, without shift.
-    fn views(&self) -> Vec<(Vec2, Vec<f32>)> {
+    fn views(&self) -> Vec<View> {
         let across = self.field.views_across().min(MOST_VIEWS);
         let at = |i: usize| (2.0 * i as f32 + 1.0) / across as f32 - 1.0;
         let places: Vec<Vec2> = (0..across * across).map(|i| Vec2::new(at(i % across), at(i / across))).collect();
         let places: Vec<Vec2> = places.into_iter().filter(|p| p.length() <= 1.0 - 0.5 / across as f32).collect();
         let views: Vec<Through> = places.iter().map(|p| Through::View(*p, self.view_width())).collect();
-        let grey = |planes: Vec<Vec<f32>>| {
-            let mean = |i: usize| planes.iter().map(|p| p[i]).sum::<f32>() / planes.len() as f32;
-            let grey: Vec<f32> = (0..planes[0].len()).map(mean).collect();
-            // Views hold detail finer than their pixels; taken between pixels it would look smoother, and so more alike, than on them.
-            smoothed(&grey, self.field.size[0], 0.8)
+        // Views hold detail finer than their pixels; taken between pixels it would look smoother, and so more alike, than on them.
+        let soft = |plane: &[f32]| smoothed(plane, self.field.size[0], 0.8);
+        let grey = |view: Gathered| {
+            let mean = |i: usize| view.planes.iter().map(|p| p[i]).sum::<f32>() / view.planes.len() as f32;
+            let signal: Vec<f32> = view.weight.iter().enumerate().map(|(i, w)| mean(i) * w).collect();
+            (soft(&signal), soft(&view.weight))
         };
-        let middles = places.iter().map(|place| self.middle_of_view(*place));
-        middles.zip(self.gather_all(&views, 0.0).into_iter().map(grey)).collect()
+        let views: Vec<(Vec<f32>, Vec<f32>)> = self.gather_all(&views, 0.0).into_iter().map(grey).collect();
+        // Of a view that nothing is cut from, somewhere.
+        let whole = views.iter().flat_map(|(_, weight)| weight).fold(f32::MIN_POSITIVE, |a, b| a.max(*b));
+        let cell = |(signal, weight): (&f32, &f32)| [if *weight > 0.0 { signal / weight } else { 0.0 }, weight / whole];
+        let view = |(place, (signal, weight)): (&Vec2, &(Vec<f32>, Vec<f32>))| View {
+            middles: self.middles_of_view(*place),
+            cells: signal.iter().zip(weight).map(cell).collect(),
+        };
+        places.par_iter().zip(&views).map(view).collect()
     }
 
-    /// Where in the pupil the light of a view about a place comes from on average: beyond the edge there is none, so views there are seen from farther inside.
-    fn middle_of_view(&self, place: Vec2) -> Vec2 {
-        /// Places across the pupil, and across a pixel, that are tried.
-        const ACROSS: usize = 64;
+    /// Where in the pupil the light of a view about a place comes from on average, at each place of the grid: beyond the edge there is none, so views there are seen from
+    /// farther inside.
+    fn middles_of_view(&self, place: Vec2) -> Vec<Vec2> {
+        /// Places across the view, and across a pixel, that are tried.
+        const ACROSS: usize = 16;
         const WITHIN: usize = 4;
-        let radius_px = self.field.radius_px as f32;
+        let (radius_px, width) = (self.field.radius_px as f32, self.view_width());
         let middle_of = |i: usize, n: usize| (2.0 * i as f32 + 1.0) / n as f32 - 1.0;
         let grid = |n: usize| (0..n * n).map(move |i| Vec2::new(middle_of(i % n, n), middle_of(i / n, n)));
-        let (mut sum, mut total) = (Vec2::ZERO, 0.0);
-        for q in grid(ACROSS).filter(|q| q.length_squared() <= 1.0) {
-            // The pixel that light arrives on counts by its middle.
-            let taken =
-                |within: Vec2| weights(Through::View(place, self.view_width()), q + within * (0.5 / radius_px), radius_px).0;
-            let weight: f32 = grid(WITHIN).map(taken).sum();
-            sum += q * weight;
-            total += weight;
-        }
-        if total > 0.0 { sum / total } else { place }
+        let middle_at = |film: DVec2| {
+            let (mut sum, mut total) = (Vec2::ZERO, 0.0);
+            // What arrives in its pixels lies up to half a pixel beside it.
+            for q in grid(ACROSS).map(|within| place + within * (width + 0.5 / radius_px)) {
+                if self.inside(film, q) < 0.0 {
+                    continue;
+                }
+                // The pixel that light arrives on counts by its middle.
+                let taken = |within: Vec2| weights(Through::View(place, width), q + within * (0.5 / radius_px), 1.0, radius_px).0;
+                let weight: f32 = grid(WITHIN).map(taken).sum();
+                sum += q * weight;
+                total += weight;
+            }
+            if total > 0.0 { sum / total } else { place }
+        };
+        self.grid().places().map(middle_at).collect()
     }
 
     /// Shifts that depth is looked for at: from infinity to where neighbouring pixels of the mosaic are shifted by a pixel.
@@ -209,24 +258,33 @@ impl Decoder<'_> {
     fn shift_map(&self, shifts: &[f64]) -> (Vec<f32>, Vec<f32>) {
         let [width, height] = self.field.size;
         let views = self.views();
-        let n = views.len() as f32;
+        let grid = self.grid();
+        let film_of = |x: usize, y: usize| {
+            (DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - 0.5 * DVec2::new(width as f64, height as f64)) * self.field.step_mm
+        };
+        let around: Vec<[(usize, f32); 4]> = (0..width * height).map(|i| grid.around(film_of(i % width, i / width))).collect();
         // How far the views differ, for each shift.
         let costs: Vec<Vec<f32>> = shifts
             .par_iter()
             .map(|shift| {
-                let (mut sum, mut squares) = (vec![0.0f32; width * height], vec![0.0f32; width * height]);
-                for (q, view) in &views {
-                    let moved = *q * *shift as f32;
+                let mut sums = vec![[0.0f32; 3]; width * height];
+                for view in &views {
                     for y in 0..height {
                         for x in 0..width {
-                            let v = bilinear(view, [width, height], Vec2::new(x as f32, y as f32) + moved);
-                            sum[y * width + x] += v;
-                            squares[y * width + x] += v * v;
+                            let i = y * width + x;
+                            let q: Vec2 = around[i].iter().map(|(place, fraction)| view.middles[*place] * *fraction).sum();
+                            let moved = Vec2::new(x as f32, y as f32) + q * *shift as f32;
+                            let [v, weight] = bilinear(&view.cells, [width, height], moved);
+                            let [total, sum, squares] = &mut sums[i];
+                            *total += weight;
+                            *sum += weight * v;
+                            *squares += weight * v * v;
                         }
                     }
                 }
-                let spread: Vec<f32> = sum.iter().zip(&squares).map(|(s, s2)| (s2 / n - (s / n).powi(2)).max(0.0)).collect();
-                smoothed(&spread, width, 1.2)
+                let spread =
+                    |[n, sum, squares]: &[f32; 3]| if *n > 0.0 { (squares / n - (sum / n).powi(2)).max(0.0) } else { 0.0 };
+                smoothed(&sums.iter().map(spread).collect::<Vec<f32>>(), width, 1.2)
             })
             .collect();
         let mut found = vec![0.0; width * height];
@@ -271,7 +329,7 @@ impl Decoder<'_> {
             if fraction.iter().all(|s| *s == 0.0) {
                 continue;
             }
-            for (to, from) in out.iter_mut().zip(self.gather(through, shift)) {
+            for (to, from) in out.iter_mut().zip(self.gather(through, shift).planes) {
                 to.iter_mut().zip(&from).zip(&fraction).for_each(|((to, v), s)| *to += v * s);
             }
         }
@@ -300,25 +358,26 @@ impl Sums {
     }
 }
 
-/// Fraction of a pixel that the disk of a radius covers, from its distance to the middle, in radii of the pupil's image of so many pixels.
-fn covered(q: f32, radius: f32, radius_px: f32) -> f32 {
-    (0.5 + (radius - q) * radius_px).clamp(0.0, 1.0)
+/// Fraction of a pixel that lies inside an edge so far from its middle, in radii of the pupil's image of so many pixels; outside below 0.
+fn covered(inside: f32, radius_px: f32) -> f32 {
+    (0.5 + inside * radius_px).clamp(0.0, 1.0)
 }
 
-/// How much a sample counts, and how much of it even light would fill.
-fn weights(through: Through, q: Vec2, radius_px: f32) -> (f32, f32) {
+/// How much a sample counts, and how much of it even light would fill. `inside`: how far it lies from the edge of the pupil that its lens sees; asked of views alone.
+fn weights(through: Through, q: Vec2, inside: f32, radius_px: f32) -> (f32, f32) {
     let r = q.length();
     match through {
-        // All light, also what falls beside: the pupils of real lenses move a little over the picture.
-        Through::Disk(1.0) => (1.0, covered(r, 1.0, radius_px)),
+        // All light, also what falls beside: what rims take is missing here as in a photograph.
+        Through::Disk(1.0) => (1.0, covered(1.0 - r, radius_px)),
         Through::Disk(radius) => {
-            let w = covered(r, radius, radius_px);
-            (w, w * covered(r, 1.0, radius_px))
+            let w = covered(radius - r, radius_px);
+            (w, w * covered(1.0 - r, radius_px))
         }
+        // As bright as the scene, wherever any of it is seen.
         Through::View(place, width) => {
             let d = 1.0 - (q - place).abs() / width;
             let w = d.x.max(0.0) * d.y.max(0.0);
-            (w, w * covered(r, 1.0, radius_px))
+            (w, w * covered(inside, radius_px))
         }
     }
 }
@@ -347,19 +406,22 @@ fn filled(sums: Vec<[f32; 2]>, width: usize) -> Vec<f32> {
     plane
 }
 
-/// A plane between its pixels; beyond the edges the edge.
+/// A view between its pixels, weighted by the light that they are made of, and this light; beyond the edges the edge.
 #[inline]
-fn bilinear(plane: &[f32], [width, height]: [usize; 2], at: Vec2) -> f32 {
+fn bilinear(cells: &[[f32; 2]], [width, height]: [usize; 2], at: Vec2) -> [f32; 2] {
     let x = at.x.clamp(0.0, width as f32 - 1.001);
     let y = at.y.clamp(0.0, height as f32 - 1.001);
     let (i, j) = (x as usize, y as usize);
     let (fx, fy) = (x - i as f32, y - j as f32);
-    let row = |j: usize| {
-        let line = &plane[j * width + i..j * width + i + 2];
-        line[0] + (line[1] - line[0]) * fx
-    };
-    let (a, b) = (row(j), row(j + 1));
-    a + (b - a) * fy
+    let (mut signal, mut total) = (0.0, 0.0);
+    for (row, across) in [(j, 1.0 - fy), (j + 1, fy)] {
+        for (column, fraction) in [(i, across * (1.0 - fx)), (i + 1, across * fx)] {
+            let [value, weight] = cells[row * width + column];
+            signal += fraction * weight * value;
+            total += fraction * weight;
+        }
+    }
+    [if total > 0.0 { signal / total } else { 0.0 }, total]
 }
 
 /// Gaussian blur, edges repeated.
