@@ -95,9 +95,17 @@ fn of_output(e: anyhow::Error) -> anyhow::Error {
     if e.is::<std::io::Error>() && e.chain().count() == 1 { e.context("standard output") } else { e }
 }
 
-/// The message of an error: what was done, and why it failed.
+/// The message of an error: what was done, and why it failed, each cause once.
 fn told(e: &anyhow::Error) -> String {
-    files::without_number(&format!("{e:#}"))
+    let mut message = String::new();
+    for cause in e.chain().map(ToString::to_string).filter(|cause| !cause.is_empty()) {
+        if message.is_empty() {
+            message = cause;
+        } else if !message.ends_with(&cause) {
+            message += &format!(": {cause}");
+        }
+    }
+    files::without_number(&message)
 }
 
 /// An error for machines: `{"error": {"message", "place", "found", "expected", "hint", "exit_code"}}`; what is not known apart is null.
@@ -235,6 +243,11 @@ mod tests {
                 "cannot be written: No space left on device",
             ),
             (of_output(gone().into()), "standard output", "there is no such file"),
+            (
+                anyhow::Error::from(diopter::image::ImageError::Io(gone())).context("a.png: cannot be written"),
+                "a.png",
+                "cannot be written: there is no such file",
+            ),
         ] {
             let e = json(e);
             assert_eq!((e["place"].as_str(), e["found"].as_str()), (Some(place), Some(found)), "{e}");

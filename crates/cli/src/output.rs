@@ -74,6 +74,18 @@ pub fn kind(path: &Path) -> anyhow::Result<Kind> {
     }
 }
 
+/// The same of a developed picture: no raw file.
+pub fn kind_of_developed(path: &Path) -> anyhow::Result<Kind> {
+    match kind(path) {
+        Ok(kind) if kind != Kind::Dng => Ok(kind),
+        _ => Err(UsageError(anyhow!(
+            "{}: expected a name that ends in .jpg, .png, .tif or .exr, as a developed picture's does",
+            path.display()
+        ))
+        .into()),
+    }
+}
+
 impl Output {
     /// Opens the file beside; fails now if it cannot be written. A name that is a symbolic link stands for what it points to, which need not be there
     /// yet. A named pipe waits for its reader here.

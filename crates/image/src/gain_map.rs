@@ -1,7 +1,7 @@
 //! JPEG with a gain map: an ordinary picture, and beside it how much brighter each place is on a display that can do more.
 //!
 //! Sources: ISO 21496-1 (metadata and its binary form), Adobe's gain map specification 1.0 (XMP, namespace hdrgm), Android's Ultra HDR image format 1.1
-//! (the order of the parts), CIPA DC-007 (multi-picture format). The map is grey, of a quarter of the sides.
+//! (the order of the parts), CIPA DC-007 (multi-picture format). The map is grey, and as fine as small highlights need.
 
 use crate::jpeg::{self, Segment};
 use crate::picture::in_bands;
@@ -9,8 +9,15 @@ use crate::{Encoding, ImageError, PictureSource};
 use jpeg_encoder::{ColorType, Encoder};
 use std::io::Write;
 
-/// Pixels a side of the picture for one of the map.
-const SHRINK: usize = 4;
+/// Pixels a side of a picture for one of its map: of what is small each counts. A highlight within one of the map is as bright as the mean around it.
+fn shrink([width, height]: [usize; 2]) -> usize {
+    match width.max(height) {
+        0..=1024 => 1,
+        1025..=2048 => 2,
+        _ => 4,
+    }
+}
+
 /// Added to both renditions before their ratio: black has no gain. Adobe's default.
 const OFFSET: f32 = 1.0 / 64.0;
 /// Quality of the map.
@@ -66,7 +73,8 @@ impl Map {
         if hdr.size() != [width, height] || width == 0 || height == 0 {
             return Err(ImageError::Mismatch("the two renditions of a gain map have different sizes".into()));
         }
-        let (w, h) = (width.div_ceil(SHRINK), height.div_ceil(SHRINK));
+        let shrink = shrink([width, height]);
+        let (w, h) = (width.div_ceil(shrink), height.div_ceil(shrink));
         let mut gains = Vec::with_capacity(w * h);
         let weights = sdr.space().luminance_weights();
         let luminance = |codes: [f32; 3], e: Encoding| -> f32 {
@@ -75,16 +83,16 @@ impl Map {
         let band = |first: usize, count: usize| {
             let (a, b) = (sdr.rows(first, count), hdr.rows(first, count));
             let (ea, eb) = (sdr.encoding(), hdr.encoding());
-            let mut sums = vec![(0.0f32, 0.0f32); w * count.div_ceil(SHRINK)];
+            let mut sums = vec![(0.0f32, 0.0f32); w * count.div_ceil(shrink)];
             for (i, (p, q)) in a.as_chunks::<3>().0.iter().zip(b.as_chunks::<3>().0).enumerate() {
                 let (s, h) = (luminance(*p, ea), luminance(*q, eb));
-                let cell = &mut sums[i / width / SHRINK * w + i % width / SHRINK];
+                let cell = &mut sums[i / width / shrink * w + i % width / shrink];
                 cell.0 += ((h.max(0.0) + OFFSET) / (s.max(0.0) + OFFSET)).log2();
                 cell.1 += 1.0;
             }
             Ok(sums.iter().map(|(sum, n)| sum / n.max(1.0)).collect::<Vec<f32>>())
         };
-        let rows = sdr.rows_at_once().next_multiple_of(SHRINK);
+        let rows = sdr.rows_at_once().next_multiple_of(shrink);
         in_bands(height, rows, band, |part| {
             gains.extend(part);
             Ok(())
@@ -183,38 +191,42 @@ mod tests {
 
     #[test]
     fn both_pictures_are_found_and_the_gains_come_back() {
-        let (w, h) = (160, 96);
-        let light = |x: usize| 0.02 + 4.0 * (x as f32 / w as f32).powi(3);
-        let picture = |encoding: Encoding, top: f32| {
-            let mut pixels = Raster::new(w, h, 3);
-            for (i, p) in pixels.data.chunks_mut(3).enumerate() {
-                p.fill(encoding.encode(light(i % w).min(top)));
+        // Pixels a side for one of the map.
+        for (w, side) in [(160, 1), (1200, 2), (2400, 4)] {
+            let (h, across) = (96, w / side);
+            let light = |x: usize| 0.02 + 4.0 * (x as f32 / w as f32).powi(3);
+            let picture = |encoding: Encoding, top: f32| {
+                let mut pixels = Raster::new(w, h, 3);
+                for (i, p) in pixels.data.chunks_mut(3).enumerate() {
+                    p.fill(encoding.encode(light(i % w).min(top)));
+                }
+                Picture { pixels, space: RgbSpace::Srgb, encoding, facts: None }
+            };
+            let (sdr, hdr) = (picture(Encoding::Srgb, 1.0), picture(Encoding::Pq, 4.926));
+            let mut file = Vec::new();
+            write(&sdr, &hdr, 95, &mut file).unwrap();
+            // By the index.
+            let place = file.windows(4).position(|b| b == b"MPF\0").unwrap() + 4;
+            let number = |at: usize| u32::from_be_bytes(file[place + at..place + at + 4].try_into().unwrap()) as usize;
+            let (first, second, at) = (number(54), number(70), number(74));
+            assert_eq!(first + second, file.len());
+            assert_eq!(place + at, first);
+            assert_eq!(file[first..first + 2], [0xff, 0xd8]);
+            let text = String::from_utf8_lossy(&file);
+            assert!(text.contains(&format!("Item:Length=\"{second}\"")));
+            let value = |name: &str| -> f32 { text.split(name).nth(1).unwrap()[2..].split('"').next().unwrap().parse().unwrap() };
+            let (low, high) = (value("hdrgm:GainMapMin"), value("hdrgm:GainMapMax"));
+            let mut decoder = zune_jpeg::JpegDecoder::new(std::io::Cursor::new(&file[first..]));
+            let map = decoder.decode().unwrap();
+            let channels = map.len() / (across * h.div_ceil(side));
+            for x in 1..across - 1 {
+                let gain = low + (high - low) * f32::from(map[(5 * across + x) * channels]) / 255.0;
+                let here = light(side * x + side / 2);
+                let expected = ((here + OFFSET) / (here.min(1.0) + OFFSET)).log2();
+                assert!((gain - expected).abs() < 0.12, "{w}, {x}: {gain} {expected}");
             }
-            Picture { pixels, space: RgbSpace::Srgb, encoding, facts: None }
-        };
-        let (sdr, hdr) = (picture(Encoding::Srgb, 1.0), picture(Encoding::Pq, 4.926));
-        let mut file = Vec::new();
-        write(&sdr, &hdr, 95, &mut file).unwrap();
-        // By the index.
-        let place = file.windows(4).position(|b| b == b"MPF\0").unwrap() + 4;
-        let number = |at: usize| u32::from_be_bytes(file[place + at..place + at + 4].try_into().unwrap()) as usize;
-        let (first, second, at) = (number(54), number(70), number(74));
-        assert_eq!(first + second, file.len());
-        assert_eq!(place + at, first);
-        assert_eq!(file[first..first + 2], [0xff, 0xd8]);
-        let text = String::from_utf8_lossy(&file);
-        assert!(text.contains(&format!("Item:Length=\"{second}\"")));
-        let value = |name: &str| -> f32 { text.split(name).nth(1).unwrap()[2..].split('"').next().unwrap().parse().unwrap() };
-        let (low, high) = (value("hdrgm:GainMapMin"), value("hdrgm:GainMapMax"));
-        let mut decoder = zune_jpeg::JpegDecoder::new(std::io::Cursor::new(&file[first..]));
-        let map = decoder.decode().unwrap();
-        let channels = map.len() / (w / 4 * h / 4);
-        for x in 1..w / 4 - 1 {
-            let gain = low + (high - low) * f32::from(map[(5 * w / 4 + x) * channels]) / 255.0;
-            let expected = ((light(4 * x + 1) + OFFSET) / (light(4 * x + 1).min(1.0) + OFFSET)).log2();
-            assert!((gain - expected).abs() < 0.12, "{x}: {gain} {expected}");
+            let mut decoder = zune_jpeg::JpegDecoder::new(std::io::Cursor::new(&file[..first]));
+            assert_eq!(decoder.decode().unwrap().len(), w * h * 3);
         }
-        let mut decoder = zune_jpeg::JpegDecoder::new(std::io::Cursor::new(&file[..first]));
-        assert_eq!(decoder.decode().unwrap().len(), w * h * 3);
     }
 }

@@ -180,7 +180,7 @@ pub struct Developing {
     /// A look from a .cube file.
     #[arg(long, value_name = "FILE")]
     pub lut: Option<PathBuf>,
-    /// How codes relate to light: a power of 1/1.8, 1/2.2 or 1/2.4, or the sRGB curve. Files carry a profile that says so.
+    /// How codes relate to light: a power of 1/1.8, 1/2.2 or 1/2.4, or the sRGB curve. Files tell it: by a profile, sRGB in JPEG and PNG by their own words for it.
     #[arg(long, value_name = "1.8|2.2|2.4|srgb", value_parser = gamma)]
     pub gamma: Option<&'static str>,
 }

@@ -67,7 +67,10 @@ fn make(spec: &Path, folder: &Path, json: bool) -> anyhow::Result<()> {
         say(&format!("{} of {} items are there", dataset.items() - missing, dataset.items()));
     }
     let made = watched("items", |w| gathered.make(w, &mut warn)).map_err(|e| stopped(e, folder))?;
-    made.files.iter().for_each(|name| say(&format!("wrote {}", folder.join(name).display())));
+    match missing {
+        0 => say(&format!("{} is whole already", folder.display())),
+        _ => made.files.iter().for_each(|name| say(&format!("wrote {}", folder.join(name).display()))),
+    }
     if json {
         let files: Vec<PathBuf> = made.files.iter().map(|name| folder.join(name)).collect();
         print_json(&serde_json::json!({ "files": files, "items": made.items, "made": missing }))?;

@@ -2,7 +2,7 @@
 
 use super::{print_json, read_raw};
 use crate::args::Develop;
-use crate::output::{self, Format, Kind, Output};
+use crate::output::{self, Format, Output};
 use crate::watch::{say, stop, watched};
 use crate::{Stopped, UsageError, effect, step_pictures, views};
 use anyhow::{Context, anyhow};
@@ -127,9 +127,7 @@ fn jobs(args: &Develop) -> anyhow::Result<Vec<Job>> {
         return Err(wrong("no picture to write: expected -o FILE, or --steps FOLDER".into()));
     }
     for path in &args.output {
-        if output::kind(path)? == Kind::Dng {
-            return Err(wrong(format!("{}: a developed picture is .jpg, .png, .tif or .exr", path.display())));
-        }
+        output::kind_of_developed(path)?;
         if args.raw.len() > 1 && !path.to_string_lossy().contains(NAME) {
             return Err(wrong(format!(
                 "{}: {} raw files would be written to one name; expected {NAME} in it, such as \"out/{NAME}.jpg\"",

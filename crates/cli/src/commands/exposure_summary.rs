@@ -34,7 +34,8 @@ pub fn display(f: &ExposureFacts, width: usize, height: usize, seconds: f64) -> 
         None => "no light metered".to_owned(),
         Some(ev) => {
             let off = ev - ev100_of_facts(f);
-            format!("scene EV {ev:.1} ({}), exposure {} EV", f.metering, signed(off))
+            let without = if f.flash { " without the flash" } else { "" };
+            format!("scene EV {ev:.1} ({}), exposure {} EV{without}", f.metering, signed(off))
         }
     };
     let mut extras = String::new();

@@ -9,6 +9,7 @@ use anyhow::{Context, anyhow};
 use diopter::ExposeError;
 use diopter::rig::Rig;
 use diopter::shot::ShotError;
+use std::cell::Cell;
 use std::collections::HashSet;
 use std::io::Write;
 use std::path::Path;
@@ -25,6 +26,7 @@ pub fn run(args: &RigArgs, json: bool) -> anyhow::Result<()> {
             warn(text);
         }
     };
+    let saved = Cell::new(0);
     let mut save = |name: &Path, bytes: &[u8]| -> Result<(), ShotError> {
         let path = folder.join(name);
         let failed = |e: anyhow::Error| ShotError::Read { path: path.display().to_string(), reason: format!("{e:#}") };
@@ -32,7 +34,9 @@ pub fn run(args: &RigArgs, json: bool) -> anyhow::Result<()> {
             std::fs::create_dir_all(parent).map_err(|e| failed(e.into()))?;
         }
         let output = Output::prepare(&path).map_err(failed)?;
-        output.commit(|to| Ok(to.write_all(bytes)?)).map_err(failed).map(drop)
+        output.commit(|to| Ok(to.write_all(bytes)?)).map_err(failed).map(drop)?;
+        saved.set(saved.get() + 1);
+        Ok(())
     };
     let made = watched("cameras", |w| rig.take(w, &mut warn, &mut save));
     if made.is_err() && is_new {
@@ -41,9 +45,12 @@ pub fn run(args: &RigArgs, json: bool) -> anyhow::Result<()> {
     }
     let made = made.map_err(|e| match e {
         ShotError::Expose(ExposeError::Cancelled) => {
+            let done = match saved.get() {
+                0 => String::new(),
+                files => format!(", {files} files lie in {}", folder.display()),
+            };
             anyhow!(
-                "stopped: frames that were done lie in {}; a rig does not go on from there: expected a new folder for it",
-                folder.display()
+                "stopped{done}; what lists the pictures is written when all of them are there, and a rig does not go on: expected a new folder for it"
             )
         }
         other => other.into(),

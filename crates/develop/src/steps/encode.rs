@@ -10,7 +10,7 @@ section! {
     /// What the numbers of the picture mean.
     Output "output" {
         space: Space = Space::Srgb, "", Names(Space::NAMES),
-            "primaries; files carry a profile";
+            "primaries; files tell it, by a profile or, sRGB, in their own words";
         encoding: diopter_image::Encoding = diopter_image::Encoding::Srgb, "", Names(&["srgb", "gamma-1.8", "gamma-2.2", "gamma-2.4", "linear", "pq", "hlg"]),
             "transfer function";
         peak: f64 = 4.926, "diffuse whites", Number(1.0, 49.26),

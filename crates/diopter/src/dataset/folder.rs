@@ -389,9 +389,11 @@ impl Folder {
         };
         let mut read = ReadBack::default();
         let rows = &mut read.rows;
+        // Without archives, the folder that holds the item.
+        let shard_name = if self.dataset.layout == Layout::Folders { &shard.split } else { &shard.name };
         let mut row = |bytes: &[u8]| -> io::Result<()> {
             let value: Value = serde_json::from_slice(bytes)?;
-            rows.push(flat(&value, &shard.split, shard.name.as_str()));
+            rows.push(flat(&value, &shard.split, shard_name));
             Ok(())
         };
         if self.dataset.layout != Layout::Folders {

@@ -25,6 +25,8 @@ const MIDDLE: f64 = 0.5;
 const MOST_UNEVEN: f64 = 0.08;
 /// The lightness of patches correlates with the chart's at least as much, however they are lit and developed; patches of other things, or of a chart upside down, do not.
 const LEAST_LIKENESS: f64 = 0.7;
+/// Largest factor that the greys of a chart may be below what they should be: ten stops.
+const DARKEST_SCALE: f64 = 1e3;
 /// Part of a patch from which on it counts as clipped, and the least number of grey patches that the exposure is told by.
 const MOST_CLIPPED: f64 = 0.01;
 const LEAST_GREYS: usize = 3;
@@ -140,8 +142,12 @@ pub fn measure(picture: &Measured, corners: Option<Corners>, light: &str) -> Res
     }
     let product = greys.iter().map(|k| seen[*k].0.y * references[*k].1.y).sum::<f64>();
     let scale = product / greys.iter().map(|k| seen[*k].0.y.powi(2)).sum::<f64>();
-    if !(scale.is_finite() && scale > 0.0) {
-        return Err(MeasureError::unfit("colour chart", "its grey patches are black", "a chart that is lit, and its corners"));
+    if !(scale.is_finite() && scale > 0.0 && scale < DARKEST_SCALE) {
+        return Err(MeasureError::unfit(
+            "colour chart",
+            "its grey patches are black or nearly so",
+            "a chart that is lit, and its corners",
+        ));
     }
     let white = xyz_from_xy(RgbSpace::Srgb.chromaticities().1);
     let patches: Vec<Patch> = seen

@@ -253,41 +253,40 @@ impl RigCalibration<'_> {
         Ok(text)
     }
 
-    /// Whether all cameras of a frame see the rig in one place: as COLMAP's rigs are.
-    fn is_rigid(&self) -> bool {
-        let moment = |c: &CameraOfRig| c.trigger_s + c.middle_s;
-        self.path.is_still() || self.cameras.iter().all(|c| (moment(c) - moment(&self.cameras[0])).abs() < 1e-9)
+    /// Cameras that see the rig in one place at each frame, in their order: rigs of COLMAP.
+    fn rigid_groups(&self) -> Vec<Vec<usize>> {
+        let moment = |k: usize| self.cameras[k].trigger_s + self.cameras[k].middle_s;
+        let mut groups: Vec<Vec<usize>> = vec![];
+        for k in 0..self.cameras.len() {
+            let is_with = |group: &&mut Vec<usize>| self.path.is_still() || (moment(group[0]) - moment(k)).abs() < 1e-9;
+            match groups.iter_mut().find(is_with) {
+                Some(group) => group.push(k),
+                None => groups.push(vec![k]),
+            }
+        }
+        groups
     }
 
     fn colmap(&self) -> Result<Vec<(String, String)>, CalibrationError> {
         let kinds = [ModelKind::OpenCv8, ModelKind::Fisheye, ModelKind::ThinPrismFisheye];
         let n = self.cameras.len();
+        let groups = self.rigid_groups();
         let mut cameras = format!(
             "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n# Number of cameras: {n}\n"
         );
-        let mut config = Vec::new();
+        let mut entries = Vec::new();
         for (k, camera) in self.cameras.iter().enumerate() {
             let text = camera.said(Format::ColmapCameras, &kinds, self.which)?.text(Format::ColmapCameras)?;
             let line = text.lines().last().unwrap_or("");
             let words: Vec<&str> = line.split(' ').skip(1).collect();
             let _ = writeln!(cameras, "{} {}", k + 1, words.join(" "));
             let parameters: Vec<f64> = words.iter().skip(3).filter_map(|w| w.parse().ok()).collect();
-            let mut entry = json!({
+            entries.push(json!({
                 "image_prefix": format!("{}/", camera.name), "camera_model_name": words.first(), "camera_params": parameters,
-            });
-            if k == 0 {
-                entry["ref_sensor"] = json!(true);
-            } else {
-                let p = colmap_pose(&opencv_axes(&self.relative(k, 0)));
-                entry["cam_from_rig_rotation"] = json!(p[..4]);
-                entry["cam_from_rig_translation"] = json!(p[4..]);
-            }
-            config.push(entry);
+            }));
         }
         let count = self.cameras[0].pictures.len();
-        let rigid = self.is_rigid();
         let (mut rigs, mut frames, mut images) = (String::new(), String::new(), String::new());
-        let frame_count = if rigid { count } else { count * n };
         let _ = write!(
             images,
             "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n\
@@ -298,46 +297,47 @@ impl RigCalibration<'_> {
             frames,
             "# Frame list with one line of data per frame:\n\
              #   FRAME_ID, RIG_ID, RIG_FROM_WORLD[QW, QX, QY, QZ, TX, TY, TZ], NUM_DATA_IDS, DATA_IDS[] as (SENSOR_TYPE, SENSOR_ID, DATA_ID)\n\
-             # Number of frames: {frame_count}\n"
+             # Number of frames: {}\n",
+            count * groups.len()
         );
         let _ = write!(
             rigs,
             "# Rig calib list with one line of data per calib:\n\
              #   RIG_ID, NUM_SENSORS, REF_SENSOR_TYPE, REF_SENSOR_ID, SENSORS[] as (SENSOR_TYPE, SENSOR_ID, HAS_POSE, [QW, QX, QY, QZ, TX, TY, TZ])\n\
              # Number of rigs: {}\n",
-            if rigid { 1 } else { n }
+            groups.len()
         );
-        let image = |frame: usize, camera: usize| frame * n + camera + 1;
-        if rigid {
-            let _ = write!(rigs, "1 {n} CAMERA 1");
-            for k in 1..n {
-                let pose = colmap_pose(&opencv_axes(&self.relative(k, 0)));
+        // Cameras of a moving rig that are exposed one after the other are no rig of COLMAP.
+        let mut config = Vec::new();
+        for (g, group) in groups.iter().enumerate() {
+            let reference = group[0];
+            let _ = write!(rigs, "{} {} CAMERA {}", g + 1, group.len(), reference + 1);
+            entries[reference]["ref_sensor"] = json!(true);
+            for &k in &group[1..] {
+                let pose = colmap_pose(&opencv_axes(&self.relative(k, reference)));
                 let _ = write!(rigs, " CAMERA {} 1 {}", k + 1, numbers(&pose, " "));
+                entries[k]["cam_from_rig_rotation"] = json!(pose[..4]);
+                entries[k]["cam_from_rig_translation"] = json!(pose[4..]);
             }
             rigs.push('\n');
-        } else {
-            // Cameras that are triggered one after the other on a moving rig are no rig of COLMAP: each is one of its own.
-            for k in 1..=n {
-                let _ = writeln!(rigs, "{k} 1 CAMERA {k}");
-            }
+            config.push(json!({ "cameras": group.iter().map(|k| entries[*k].clone()).collect::<Vec<_>>() }));
         }
+        let image = |frame: usize, camera: usize| frame * n + camera + 1;
         for frame in 0..count {
+            let pose =
+                |k: usize| numbers(&colmap_pose(&camera_from_world(&self.cameras[k].pictures[frame].world_from_camera)), " ");
             for (k, camera) in self.cameras.iter().enumerate() {
-                let p = &camera.pictures[frame];
-                let pose = numbers(&colmap_pose(&camera_from_world(&p.world_from_camera)), " ");
-                let _ = write!(images, "{} {pose} {} {}\n\n", image(frame, k), k + 1, p.file);
-                if !rigid {
-                    let id = image(frame, k);
-                    let _ = writeln!(frames, "{id} {} {pose} 1 CAMERA {} {id}", k + 1, k + 1);
-                } else if k == 0 {
-                    let ids: Vec<String> = (0..n).map(|i| format!("CAMERA {} {}", i + 1, image(frame, i))).collect();
-                    let _ = writeln!(frames, "{} 1 {pose} {n} {}", frame + 1, ids.join(" "));
-                }
+                let _ = write!(images, "{} {} {} {}\n\n", image(frame, k), pose(k), k + 1, camera.pictures[frame].file);
+            }
+            for (g, group) in groups.iter().enumerate() {
+                let ids: Vec<String> = group.iter().map(|k| format!("CAMERA {} {}", k + 1, image(frame, *k))).collect();
+                let id = frame * groups.len() + g + 1;
+                let _ = writeln!(frames, "{id} {} {} {} {}", g + 1, pose(group[0]), group.len(), ids.join(" "));
             }
         }
         let points = "# 3D point list with one line of data per point:\n#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n\
                       # Number of points: 0, mean track length: 0\n";
-        let config = format!("{:#}\n", json!([{ "cameras": config }]));
+        let config = format!("{:#}\n", json!(config));
         let file = |name: &str, text: String| (format!("calibration/colmap/{name}"), text);
         Ok(vec![
             file("rig_config.json", config),

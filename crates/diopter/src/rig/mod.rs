@@ -268,7 +268,7 @@ impl Rig {
         Ok(RigCalibration { cameras, path: &self.path, imu: self.imu.as_ref(), which: PrincipalRay::CHIEF })
     }
 
-    /// Takes all pictures and gives all files to `save`: calibration and IMU first, then frame by frame. `warn` gets what was found odd. What was given when it fails stays given.
+    /// Takes all pictures and gives all files to `save`: the IMU's, then frame by frame, and in the end those that list the frames. `warn` gets what was found odd. What was given when it fails stays given.
     /// Fails as [`Rig::shots`] and `save`, on a span of the IMU outside the path or of too many samples, and with [`ExposeError::Cancelled`].
     pub fn take(&self, watch: &ProgressReporter, warn: &mut dyn FnMut(&str), save: &mut Save) -> Result<TakenRig, ShotError> {
         let mut shots = self.shots(watch, warn)?;
@@ -296,9 +296,6 @@ impl Rig {
             let rms: Vec<Option<f64>> = known.cameras.iter().map(|c| c.calibration.fit.as_ref().map(|f| f.rms_px)).collect();
             (known.files(&self.formats)?, rms)
         };
-        for (name, text) in texts {
-            give(&name, text.as_bytes(), &mut files)?;
-        }
         let last = self.times_s[self.times_s.len() - 1];
         let ends = self.cameras.iter().zip(&shots).map(|(c, shot)| last + c.trigger_s + shot.shutter().total_s());
         let end_s = ends.fold(last, f64::max);
@@ -363,6 +360,10 @@ impl Rig {
         }
         for (camera, text) in self.cameras.iter().zip(&moving).filter(|(_, text)| !text.is_empty()) {
             give(&format!("{}/stabiliser.csv", camera.name), text.as_bytes(), &mut files)?;
+        }
+        // What lists pictures is there when they are.
+        for (name, text) in texts {
+            give(&name, text.as_bytes(), &mut files)?;
         }
         Ok(TakenRig { files, fit_rms_px })
     }
