@@ -382,11 +382,13 @@ fn weights(through: Through, q: Vec2, inside: f32, radius_px: f32) -> (f32, f32)
     }
 }
 
-/// Signal over weight; where nothing fell, from around.
+/// Signal over weight; where nothing fell, or hardly anything beside the rest of the picture, from around.
 fn filled(sums: Vec<[f32; 2]>, width: usize) -> Vec<f32> {
+    /// Of the largest weight: less is noise.
+    const ENOUGH: f32 = 0.03;
     let height = sums.len() / width;
-    const ENOUGH: f32 = 1e-3;
-    let mut plane: Vec<f32> = sums.iter().map(|[v, w]| if *w > ENOUGH { v / w } else { f32::NAN }).collect();
+    let most = sums.iter().map(|[_, w]| *w).fold(0.0, f32::max);
+    let mut plane: Vec<f32> = sums.iter().map(|[v, w]| if *w > ENOUGH * most { v / w } else { f32::NAN }).collect();
     while plane.iter().any(|v| v.is_nan()) {
         let before = plane.clone();
         for (i, v) in plane.iter_mut().enumerate().filter(|(_, v)| v.is_nan()) {

@@ -8,7 +8,7 @@
 //! | LEN NEW "name" focal length, surfaces; UNI | read |
 //! | EBR (radius of the entering beam), NAO, FNO | read |
 //! | ANG | read as the largest field angle in y; fields of 0, 0.7 and 1 of it |
-//! | OBH, GIH (heights) | left out, with a note |
+//! | OBH, GIH (heights) | read as the angles of them where the lens is round (fields.rs), with a note |
 //! | WV (µm; the first is the reference), WV2 to WV9; WW | read; weights ignored |
 //! | RD, CV, TH, AIR, NXT, AST, GTO | read |
 //! | GLA name; GLA n or n at each wavelength; GLA MOD name with nd, Vd or indices | read; catalogue aliases with a note |

@@ -55,6 +55,8 @@ pub(super) struct Table {
     pub(super) set: Configured,
     pub(super) object_distance: Option<f64>,
     pub(super) fields: Vec<f64>,
+    /// Largest angle that something is shown up to, degrees: of the fields, or of the film where the lens file says the axis alone.
+    extent: f64,
     pub(super) wavelengths: Vec<f64>,
     pub(super) reference: f64,
 }
@@ -128,18 +130,18 @@ impl Table {
             ));
         }
         let bench = analysis::Bench { system: &set.system, object_distance };
+        let of_film = || bench.field_of_height(prescription.image_circle.map_or(0.36 * set.efl, |c| 0.5 * c));
         let fields = match &asked.field {
             Some(list) => list.0.clone(),
             None if !prescription.usage.field_angles_deg.is_empty() => prescription.usage.field_angles_deg.clone(),
-            None => {
-                let height = prescription.image_circle.map_or(0.36 * set.efl, |c| 0.5 * c);
-                fields_to(bench.field_of_height(height))
-            }
+            None => fields_to(of_film()),
         };
+        let largest = fields.iter().fold(0.0, |a, b| f64::max(a, b.abs()));
+        let extent = if largest == 0.0 && asked.field.is_none() { 0.98 * of_film() } else { largest };
         if let Some(bad) = fields.iter().find(|f| f.abs() > 120.0) {
             return Err(UsageError(anyhow!("field {bad}: expected an angle within 120 degrees")).into());
         }
-        let table = Table { prescription, set, object_distance, fields, wavelengths, reference };
+        let table = Table { prescription, set, object_distance, fields, extent, wavelengths, reference };
         table.warn_of_dark_fields();
         Ok(table)
     }
@@ -196,12 +198,13 @@ impl Table {
 
     /// Field angle that third-order sums are taken for: the largest one that has a tangent (below 90°) of those asked, degrees.
     pub(super) fn third_order_field(&self) -> f64 {
-        let below = self.fields.iter().map(|f| f.abs()).filter(|f| *f < STEEPEST_FIELD).fold(f64::NAN, f64::max);
+        let fields = self.fields.iter().map(|f| f.abs()).chain([self.extent]);
+        let below = fields.filter(|f| *f < STEEPEST_FIELD).fold(f64::NAN, f64::max);
         if below.is_nan() { STEEPEST_FIELD } else { below }
     }
 
     pub(super) fn largest_field(&self) -> f64 {
-        self.fields.iter().copied().fold(0.0, |a, b| f64::max(a, b.abs()))
+        self.extent
     }
 }
 
