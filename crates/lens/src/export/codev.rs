@@ -73,7 +73,8 @@ pub(super) fn write(sheet: &Sheet) -> Result<(String, Vec<String>), Prescription
             return Err(wrong("ideal lenses are not written for CODE V".into()));
         }
         let (c, commands) = shape(&s.profile).map_err(wrong)?;
-        let _ = writeln!(t, "S {} {} {}", radii.as_ref().map_or(c, |r| r[i]), sheet.gaps[i], names[i]);
+        let row = format!("S {} {} {}", radii.as_ref().map_or(c, |r| r[i]), sheet.gaps[i], names[i]);
+        let _ = writeln!(t, "{}", row.trim_end());
         for command in commands {
             let _ = writeln!(t, "  {command}");
         }
@@ -210,7 +211,8 @@ fn rims(s: &Surface) -> Result<String, String> {
 /// Name of a glass on a surface line; what no name says becomes a private glass.
 fn glass(glass: &Glass, private: &mut Vec<(Glass, String)>) -> Result<String, String> {
     match &glass.kind {
-        GlassKind::Air => return Ok("AIR".into()),
+        // Without a name it is air.
+        GlassKind::Air => return Ok(String::new()),
         GlassKind::Catalogue { vendor, .. } => {
             let name = format!("{}_{}", glass.name, vendor).to_uppercase();
             let found = parse_foreign(&name, &[]).is_ok_and(|(found, _)| same_index(&found, glass));

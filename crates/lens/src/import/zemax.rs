@@ -181,8 +181,6 @@ impl Block {
         match self {
             b if !b.has_gap => Some("has no DISZ"),
             b if b.gap != 0.0 || b.infinite => Some("has a gap behind it (DISZ)"),
-            b if b.glass.is_some() || b.mirror => Some("has a medium behind it (GLAS)"),
-            b if b.stop => Some("is the stop"),
             _ => None,
         }
     }
