@@ -259,15 +259,19 @@ impl System {
         n.get(self.surfaces.len()).map_or(1.0, |n| n.abs())
     }
 
+    /// A wavelength (nm), or where a glass has no index there the shortest one from it on at which all have one.
+    pub(crate) fn nearest_with_indices(&self, nm: f64) -> f64 {
+        if self.indices(nm).iter().all(|n| n.is_finite()) {
+            return nm;
+        }
+        let begins = self.glasses.iter().filter_map(|g| g.range_nm()).map(|[short, _]| short);
+        begins.fold(nm, f64::max)
+    }
+
     /// Indices at the wavelength at which focal lengths, f-numbers and film planes are found: [`REFERENCE_NM`], or where a glass is opaque there (germanium), the shortest
     /// at which the ranges of all begin.
     pub fn reference_indices(&self) -> Vec<f64> {
-        let n = self.indices(REFERENCE_NM);
-        if n.iter().all(|n| n.is_finite()) {
-            return n;
-        }
-        let begins = self.glasses.iter().filter_map(|g| g.range_nm()).map(|[short, _]| short);
-        self.indices(begins.fold(REFERENCE_NM, f64::max))
+        self.indices(self.nearest_with_indices(REFERENCE_NM))
     }
 
     /// The first glass without an index at 400, 410, ... 700 nm, in which all visible light ends (germanium).

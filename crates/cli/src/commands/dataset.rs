@@ -63,13 +63,15 @@ fn make(spec: &Path, folder: &Path, json: bool) -> anyhow::Result<()> {
     }
     let gathered = Folder::open(dataset.clone(), folder)?;
     let missing = gathered.missing().len() as u64;
+    // Its last files are there, too: what was made item by item is packed now.
+    let was_whole = missing == 0 && ["SHA256SUMS", "card.json"].iter().all(|name| folder.join(name).is_file());
     if missing < dataset.items() {
         say(&format!("{} of {} items are there", dataset.items() - missing, dataset.items()));
     }
     let made = watched("items", |w| gathered.make(w, &mut warn)).map_err(|e| stopped(e, folder))?;
-    match missing {
-        0 => say(&format!("{} is whole already", folder.display())),
-        _ => made.files.iter().for_each(|name| say(&format!("wrote {}", folder.join(name).display()))),
+    match was_whole {
+        true => say(&format!("{} is whole already", folder.display())),
+        false => made.files.iter().for_each(|name| say(&format!("wrote {}", folder.join(name).display()))),
     }
     if json {
         let files: Vec<PathBuf> = made.files.iter().map(|name| folder.join(name)).collect();

@@ -258,9 +258,10 @@ impl<'a> Bench<'a> {
 
     /// Largest field angle (degrees) whose chief ray lands within a height on the film; searched in steps up to 130°.
     pub fn field_of_height(&self, height: f64) -> f64 {
+        let nm = self.system.nearest_with_indices(D_NM);
+        let n = self.system.indices(nm);
         let lands = |deg: f64| {
-            let n = self.system.indices(D_NM);
-            let chief = self.chief(f64::to_radians(deg), D_NM)?;
+            let chief = self.chief(f64::to_radians(deg), nm)?;
             let image = self.system.trace(chief, &n, TraceDirection::ToFilm, Apertures::Ignore).ok()?;
             Some(self.on_film(&image, 0.0).y.abs())
         };

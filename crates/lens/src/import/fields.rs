@@ -85,7 +85,10 @@ fn angles_of(p: &Prescription, kind: FieldKind) -> Result<impl Fn(f64) -> Option
             (FieldKind::ParaxialHeight, Some(m)) => seen((height / m).abs()),
             (FieldKind::ParaxialHeight, None) => Some((height / first.efl).abs().atan().to_degrees()),
             (FieldKind::RealHeight, _) => {
-                Some(Bench { system: &system, object_distance }.field_of_height(height)).filter(|deg| *deg > 0.0)
+                let bench = Bench { system: &system, object_distance };
+                // Beyond what the lens images the last angle that it does stands for all heights.
+                let [deg, within] = [height, 0.99 * height].map(|h| bench.field_of_height(h));
+                Some(deg).filter(|deg| *deg > within)
             }
         };
         deg.filter(|deg| deg.is_finite())

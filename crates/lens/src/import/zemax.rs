@@ -17,7 +17,7 @@
 //! | TYPE DGRATING | read: order 1 sends light towards −y, as ray-optics and Optiland trace such files |
 //! | TYPE COORDBRK | read: decentre x, y; tilt about x, y, z; order (Zemax manual, "Coordinate Break"); see layout.rs |
 //! | other TYPE: BINARY_3, holograms, other gratings and gradient indices, user surfaces | error |
-//! | CURV, CONI, PARM, XDAT, DISZ, STOP, DIAM, CLAP | read |
+//! | CURV, CONI, PARM, XDAT, DISZ, STOP, DIAM, CLAP, FLAP (DIAM is an aperture) | read |
 //! | SQAP, ELAP (instead of DIAM), OBSC, SQOB, ELOB, SPID, OBDC (their middle, also of CLAP) | read |
 //! | GLAS | the catalogue's glass; an alias with a note (glass/alias.rs); the line's nd and Vd where neither is known, and of plastics without a maker (PMMA, POLYCARB, POLYSTYR) where they are others, but for the placeholder 1.5, 40 |
 //! | GLAS MIRROR | a mirror; plane ones that fold the axis are unfolded |
@@ -57,9 +57,9 @@ const PLASTICS: [&str; 3] = ["PMMA", "POLYCARB", "POLYSTYR"];
 
 /// Keywords of surfaces that do not change its shape, place or medium.
 const HARMLESS: &[&str] = &[
-    "COMM", "HIDE", "MIRR", "SLAB", "POPS", "PZUP", "MAZH", "FLAP", "BLNK", "MEMA", "PPAR", "VPAR", "PKUP", "PARP", "DIAP",
-    "GLCZ", "OPDX", "USAP", "UDAP", "FIMP", "TOL", "TOLE", "NOTE", "SDRW", "HLGT", "CONF", "MOFF", "REAY", "EFLY", "EFFL",
-    "WRSG", "CLRF", "SSAM", "ELDX", "PICB", "BORD", "FACE", "CONI",
+    "COMM", "HIDE", "MIRR", "SLAB", "POPS", "PZUP", "MAZH", "BLNK", "MEMA", "PPAR", "VPAR", "PKUP", "PARP", "DIAP", "GLCZ",
+    "OPDX", "USAP", "UDAP", "FIMP", "TOL", "TOLE", "NOTE", "SDRW", "HLGT", "CONF", "MOFF", "REAY", "EFLY", "EFFL", "WRSG",
+    "CLRF", "SSAM", "ELDX", "PICB", "BORD", "FACE", "CONI",
 ];
 /// Keywords of the head that do not change the lens.
 const HARMLESS_HEAD: &[&str] = &[
@@ -97,6 +97,8 @@ struct Block {
     apertures: Vec<(Outline, bool)>,
     /// Where the middles of the apertures stand.
     aperture_center: [f64; 2],
+    /// Its semi-diameter is an aperture.
+    floats: bool,
     /// Its semi-diameter is set, not computed from rays.
     fixed: bool,
     parameters: BTreeMap<u32, f64>,
@@ -179,8 +181,8 @@ impl Block {
     /// What an image surface, the last of every file, has not.
     fn is_no_image(&self) -> Option<&'static str> {
         match self {
-            b if !b.has_gap => Some("has no DISZ"),
-            b if b.gap != 0.0 || b.infinite => Some("has a gap behind it (DISZ)"),
+            b if b.gap != 0.0 => Some("has a gap behind it (DISZ)"),
+            b if !b.has_gap && (b.curvature != 0.0 || b.glass.is_some() || b.mirror || b.stop) => Some("has no DISZ"),
             _ => None,
         }
     }
@@ -339,6 +341,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                     (block.obstruction, block.clear) = (inner.max(0.0), Some(outer));
                 }
             }
+            "FLAP" => block.floats = true,
             "OBDC" => {
                 block.aperture_center = [value(0)?, value(1)?];
             }
@@ -509,7 +512,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 coating: b.coating.as_deref().filter(|_| !b.mirror).and_then(coating),
                 ..Surface::new(shape, b.gap * scale, medium)
             };
-            rows.push(Placed { surface, frame: here, rim: b.clear.is_some() || (b.mirror && b.fixed) });
+            rows.push(Placed { surface, frame: here, rim: b.clear.is_some() || b.floats || (b.mirror && b.fixed) });
         }
         here *= ahead(b.gap * scale);
     }

@@ -221,9 +221,12 @@ fn singlet_and_plane(format: Format, plane: &str, fields: &str) -> String {
 
 #[test]
 fn planes_in_air_stay_where_they_stop_light() {
-    for (format, rim, drawn) in
-        [(Format::Zemax, " DIAM 5 1\n CLAP 0 5 0", " DIAM 5 1"), (Format::CodeV, "CIR 5", ""), (Format::Oslo, "AP CHK 5", "AP 5")]
-    {
+    for (format, rim, drawn) in [
+        (Format::Zemax, " DIAM 5 1\n CLAP 0 5 0", " DIAM 5 1"),
+        (Format::Zemax, " DIAM 5 1\n FLAP 0 5 0", " DIAM 5 1"),
+        (Format::CodeV, "CIR 5", ""),
+        (Format::Oslo, "AP CHK 5", "AP 5"),
+    ] {
         let p = read(format, &singlet_and_plane(format, rim, ""));
         assert_eq!((p.surfaces.len(), p.surfaces[2].semi_diameter), (3, Some(5.0)), "{format:?}: {:?}", p.notes);
         assert_eq!(read(format, &singlet_and_plane(format, drawn, "")).surfaces.len(), 2, "{format:?}");
@@ -241,7 +244,7 @@ fn planes_in_air_stay_where_they_stop_light() {
 #[test]
 fn files_that_are_cut_short_are_refused() {
     for (format, ends) in [
-        (Format::Zemax, &["CURV -0.02", "SURF 3", " TYPE STANDARD\n CURV 0\n DISZ 0"][..]),
+        (Format::Zemax, &["SURF 3", " DISZ 10"][..]),
         (Format::CodeV, &["SI 0 0", "S 0 35"]),
         (Format::Oslo, &["END 4", "WV 0.5"]),
     ] {
@@ -281,6 +284,9 @@ fn fields_of_any_kind_become_angles() {
         let (found, _, p) = angles(format, fields);
         assert!((found.last().unwrap() - expected).abs() < 1e-6, "{fields}: {found:?}, expected {expected}; {:?}", p.notes);
     }
+    // Beyond what the lens images there is no angle.
+    let (none, _, p) = angles(Format::Zemax, "FTYP 3 0 2 1 0 0 0\nYFLN 0 4000\n");
+    assert!(none.is_empty() && p.notes.iter().any(|n| n.contains("beyond")), "{none:?} {:?}", p.notes);
     // The chief ray of a real height lands there.
     let (found, _, p) = angles(Format::Zemax, "FTYP 3 0 2 1 0 0 0\nYFLN 0 10\n");
     let system = System::at(&p, State::default());

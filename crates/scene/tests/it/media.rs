@@ -484,8 +484,13 @@ fn where_bodies_overlap_the_stronger_one_is() {
 /// Light along −z through the middle of a scene of Mitsuba, in a white world.
 fn through_mitsuba(shapes: &str) -> [f64; 4] {
     let text = format!("<scene version='3.0.0'><emitter type='constant'/>{shapes}</scene>");
-    let nothing = |_: &str| Err("there is no such file".to_owned());
-    let scene = Scene::build(mitsuba::load(text.as_bytes(), "s.xml", &nothing).unwrap()).unwrap();
+    let plate = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\n";
+    let fetch = |name: &str| match name {
+        "with.obj" => Ok(format!("{plate}vn 0 0 1\nf 1//1 2//1 3//1 4//1\n").into_bytes()),
+        "without.obj" => Ok(format!("{plate}f 1 2 3 4\n").into_bytes()),
+        _ => Err("there is no such file".to_owned()),
+    };
+    let scene = Scene::build(mitsuba::load(text.as_bytes(), "s.xml", &fetch).unwrap()).unwrap();
     mean(&scene, Vec3::new(0.0, 0.0, 3.0), Vec3::NEG_Z, 20_000, &DEEP).0
 }
 
@@ -529,5 +534,13 @@ fn mirrored_lamps_of_mitsuba_shine_inwards_where_its_normals_turn() {
     for (scale, expected) in [("1", 7.0), ("-1", 0.0)] {
         let found = through_mitsuba(&lamp(scale))[1];
         assert!((found - expected).abs() < 0.05, "{scale}: {found}");
+    }
+    // A plate of a file towards +z: with normals of its own it stays as it is, as in Mitsuba 3.9.1, without it turns.
+    for (file, expected) in [("with.obj", 7.0), ("without.obj", 0.0)] {
+        let plate = format!(
+            "<shape type='obj'><string name='filename' value='{file}'/><transform name='to_world'><scale x='-1' y='1' z='1'/></transform><emitter type='area'><rgb name='radiance' value='7'/></emitter></shape>"
+        );
+        let found = through_mitsuba(&plate)[1];
+        assert!((found - expected).abs() < 0.05, "{file}: {found}");
     }
 }

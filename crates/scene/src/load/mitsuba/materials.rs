@@ -501,7 +501,11 @@ impl Context<'_> {
             return Ok(match shade {
                 Shade::Points(points) => {
                     let table = values::bounded(&points);
-                    let values = (0..=400).map(|i| table.at(380.0 + i as f32).clamp(0.0, 1.0)).collect();
+                    let values: Vec<f32> = (0..=400).map(|i| table.at(380.0 + i as f32)).collect();
+                    if values.iter().any(|v| !(0.0..=1.0).contains(v)) {
+                        self.skip_unsupported(format!("what \"{name}\" has below 0 or above 1"));
+                    }
+                    let values = values.into_iter().map(|v| v.clamp(0.0, 1.0)).collect();
                     Color::spectrum(Spectrum::Table(Table::new(380.0, 1.0, values)))
                 }
                 other => {
@@ -530,7 +534,8 @@ impl Context<'_> {
             };
             // Scales of hair may be tilted either way.
             let least = if name == "scale_tilt" { f32::MIN } else { 0.0 };
-            let most = if matches!(name, "weight" | "opacity") { 1.0 } else { f32::MAX };
+            let most =
+                if matches!(name, "weight" | "opacity" | "metallic" | "spec_trans" | "clearcoat") { 1.0 } else { f32::MAX };
             let value = given.clamp(least, most);
             if value != given {
                 self.skip_unsupported(format!("what \"{name}\" has below 0{}", if given > most { " or above 1" } else { "" }));

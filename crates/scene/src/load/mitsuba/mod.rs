@@ -199,7 +199,7 @@ mod tests {
         assert!(matches!(of(0).scattering, Scattering::Diffuse(_)) && matches!(of(1).coverage, Coverage::Blend(_)));
         assert!(matches!(&of(2).scattering, Scattering::Mix(_)));
         let Scattering::Principled(p) = &of(3).scattering else { panic!("glass") };
-        assert!((p.ior - 1.333).abs() < 1e-6 && matches!(&of(3).interior, Interior::Sides([Some(_), None])));
+        assert!((p.ior - 1.333).abs() < 1e-6 && matches!(&of(3).interior, Interior::Body { medium: Some(_), .. }));
         let nits = of(4).emission.as_ref().unwrap().luminance(&[Vec2::ZERO; 2]);
         assert!((nits / 7.0 - 1.0).abs() < 0.01, "{nits}");
         assert!(matches!(d.punctual[0].kind, PunctualKind::Point { position } if position == Vec3::new(1.0, 2.0, 3.0)));

@@ -100,9 +100,9 @@ impl Node {
         self.children.iter().find(|c| c.get("name") == Some(name)).inspect(|c| c.set_read())
     }
 
-    /// Whether any element within it is of a kind.
-    pub fn has_any(&self, tag: &str) -> bool {
-        self.children.iter().any(|child| child.tag == tag || child.has_any(tag))
+    /// Whether any element within it is such a one.
+    pub fn has_any(&self, is_one: &dyn Fn(&Node) -> bool) -> bool {
+        self.children.iter().any(|child| is_one(child) || child.has_any(is_one))
     }
 
     /// Notes that it was asked for.

@@ -30,8 +30,9 @@ pub(super) struct World<'a> {
     groups: HashMap<*const Node, Vec<(Shape, u32, String)>>,
     meshes: HashMap<(String, bool, bool), u32>,
     media: HashMap<*const Node, Arc<Medium>>,
-    /// Whether anything of the file is a medium.
+    /// Whether anything of the file is a medium, and whether any face names what is around it.
     has_media: bool,
+    has_exteriors: bool,
     /// Curves by kind, file and place: radii do not follow transforms.
     curves: HashMap<(String, [u64; 16]), u32>,
     curve_points: usize,
@@ -49,7 +50,8 @@ impl<'a> World<'a> {
             groups: HashMap::new(),
             meshes: HashMap::new(),
             media: HashMap::new(),
-            has_media: root.has_any("medium"),
+            has_media: root.has_any(&|node| node.tag == "medium"),
+            has_exteriors: root.has_any(&|node| node.get("name") == Some("exterior")),
             curves: HashMap::new(),
             curve_points: 0,
         }
@@ -147,9 +149,9 @@ impl<'a> World<'a> {
     /// A shape's form in the world, its material and its name. What is `alone` may be a sphere.
     fn form(&mut self, node: &Arc<Node>, alone: bool) -> Read<(Shape, u32, String)> {
         let place = transform(node, "to_world")?;
-        // As Mitsuba has it: normals of spheres and of meshes from files turn round where the shape is mirrored, those of its other shapes do not.
-        let turns = matches!(node.kind(), "sphere" | "obj" | "ply" | "serialized") && place.determinant() < 0.0;
-        let flip = boolean(node, "flip_normals", false)? != turns;
+        // As Mitsuba has it: normals of spheres, and of meshes from files that have none, turn round where the shape is mirrored, all others do not.
+        let is_mirrored = place.determinant() < 0.0;
+        let flip = boolean(node, "flip_normals", false)? != (is_mirrored && node.kind() == "sphere");
         let name = node.get("id").map_or_else(|| format!("{} of line {}", node.kind(), node.line), str::to_owned);
         let material = self.material(node)?;
         let shape = match node.kind() {
@@ -177,7 +179,7 @@ impl<'a> World<'a> {
                 let flat = boolean(node, "face_normals", false)?;
                 let flip_uv = boolean(node, "flip_tex_coords", node.kind() == "obj")?;
                 let part = number(node, "shape_index", 0.0)?.clamp(0.0, 1e9) as usize;
-                let key = (format!("{} {file} {part} {flip}", node.kind()), flat, flip_uv);
+                let key = (format!("{} {file} {part} {flip} {is_mirrored}", node.kind()), flat, flip_uv);
                 let number = match self.meshes.get(&key) {
                     Some(number) => *number,
                     None => {
@@ -188,13 +190,14 @@ impl<'a> World<'a> {
                         if flip_uv {
                             mesh.uvs[0].iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
                         }
+                        let turns = is_mirrored && (flat || mesh.normals.is_empty());
                         // As Mitsuba has it: what has no normals is smoothed, unless told otherwise.
                         if flat {
                             mesh.normals.clear();
                         } else if mesh.normals.is_empty() && node.kind() != "serialized" {
                             mesh.normals = vertex_normals(&mesh);
                         }
-                        if flip {
+                        if flip != turns {
                             round::reverse(&mut mesh);
                         }
                         self.context.description.meshes.push(mesh.into());
@@ -297,6 +300,8 @@ impl<'a> World<'a> {
             // As Mitsuba has it: what is around a shape that names no medium goes on within it.
             [None, None] if self.has_media || !surface.is_body => Interior::Same,
             [None, None] => Interior::Body { medium: None, priority: None },
+            // Where no face names what is around it, that is what was there before.
+            [inside, None] if surface.is_body && !self.has_exteriors => Interior::Body { medium: inside, priority: None },
             sides => Interior::Sides(sides),
         };
         if let Some(emitter) = emitter {
