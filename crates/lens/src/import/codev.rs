@@ -34,7 +34,7 @@ mod syntax;
 use self::surface::{Decenter, Kind, Opening, Place, Special};
 use self::syntax::{commands, is_qualifier, surface_number, words};
 use super::configurations::{Configurations, MOST as MOST_CONFIGURATIONS};
-use super::fields::{self, FieldKind};
+use super::fields::{FieldKind, Fields};
 use super::layout::{ahead, lay_out};
 use super::placed::Placed;
 use super::{Skipped, drop_dummies, other_pressure, other_temperature, stem};
@@ -496,20 +496,9 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     }
     // Where each surface stands, through the decenters.
     let moved = image_place.given || rows.iter().any(|r| r.place.given);
-    let figure = |of: &[f64], i: usize| of.get(i).copied().unwrap_or(0.0);
-    let count = fields[0].len().max(fields[1].len());
-    let unit = if field_kind == FieldKind::Angle { 1.0 } else { scale };
-    let places: Vec<[f64; 2]> = (0..count).map(|i| [0, 1].map(|k| figure(&fields[k], i) * unit)).collect();
-    let cuts: Vec<[f64; 2]> = (0..count).map(|i| [figure(&upper, i), figure(&lower, i)]).collect();
-    // Angles in y are known before the surfaces are placed, and told where these stand.
-    let are_plain = field_kind == FieldKind::Angle && (moved || places.iter().all(|[x, _]| *x == 0.0));
-    if are_plain {
-        if places.iter().any(|[x, _]| *x != 0.0) {
-            note(&mut p, "fields in x are not taken over, only those in y");
-        }
-        p.usage.field_angles_deg = places.iter().map(|[_, y]| *y).collect();
-        p.usage.vignetting = cuts.clone();
-    }
+    let cuts = (0..upper.len().max(lower.len())).map(|i| [&upper, &lower].map(|of| of.get(i).copied().unwrap_or(0.0)));
+    let fields = Fields::new(field_kind, [&fields[0], &fields[1]], cuts.collect(), scale);
+    let has_others = !fields.set_angles(&mut p, moved);
     let mut placed: Vec<Placed> = vec![];
     let mut here = DAffine3::IDENTITY;
     let mut rims = vec![];
@@ -591,8 +580,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     if !moved {
         drop_dummies(&mut p, &rims);
     }
-    if !are_plain && let Err(why) = fields::set(&mut p, field_kind, &places, &cuts) {
-        p.notes.push(format!("fields that are not angles in y are not taken over: {why}"));
+    if has_others {
+        fields.set_others(&mut p);
     }
     p.clip_given_rims();
     if let Some([tangent, f_number]) = image_cone {

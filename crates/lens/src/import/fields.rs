@@ -18,39 +18,81 @@ pub(super) enum FieldKind {
     RealHeight,
 }
 
-/// Sets the fields of a lens whose surfaces all stand on its axis from places in x and y (degrees or mm): a round lens is the same in each direction. `cuts`: vignetting factors above and below
-/// the chief ray, kept for fields in y. Gives what stands in the way, and sets nothing, where the places are no angles in y and cannot be made ones.
-pub(super) fn set(p: &mut Prescription, kind: FieldKind, places: &[[f64; 2]], cuts: &[[f64; 2]]) -> Result<(), &'static str> {
-    let cut = |i: usize| cuts.get(i).copied().unwrap_or([0.0; 2]);
-    if kind == FieldKind::Angle && places.iter().all(|[x, _]| *x == 0.0) {
-        p.usage.field_angles_deg = places.iter().map(|[_, y]| *y).collect();
-        p.usage.vignetting = (0..places.len()).map(cut).collect();
-        return Ok(());
+/// Fields as a file gives them.
+pub(super) struct Fields {
+    pub kind: FieldKind,
+    /// In x and y, degrees or mm.
+    pub places: Vec<[f64; 2]>,
+    /// Vignetting factors above and below the chief ray; missing ones are 0.
+    pub cuts: Vec<[f64; 2]>,
+}
+
+impl Fields {
+    /// Fields of figures in x and in y, as many as the longer list has, and of vignetting factors. `unit`: mm of a unit of heights.
+    pub fn new(kind: FieldKind, [x, y]: [&[f64]; 2], cuts: Vec<[f64; 2]>, unit: f64) -> Fields {
+        let figure = |of: &[f64], i: usize| of.get(i).copied().unwrap_or(0.0);
+        let unit = if kind == FieldKind::Angle { 1.0 } else { unit };
+        let places = (0..x.len().max(y.len())).map(|i| [x, y].map(|of| figure(of, i) * unit)).collect();
+        Fields { kind, places, cuts }
     }
-    let angle = angles_of(p, kind)?;
-    let mut angles = vec![];
-    for (i, [x, y]) in places.iter().enumerate() {
-        // Light from above the axis comes down.
-        let turned = kind == FieldKind::ObjectHeight;
-        let deg = match kind {
-            FieldKind::Angle => x.to_radians().tan().hypot(y.to_radians().tan()).atan().to_degrees(),
-            _ => angle(x.hypot(*y)).ok_or("they lie beyond what the lens images")?,
-        };
-        let own = if *x == 0.0 { cut(i) } else { [0.0; 2] };
-        angles.push((deg, if turned != (*y < 0.0) { [own[1], own[0]] } else { own }));
+
+    fn cut(&self, i: usize) -> [f64; 2] {
+        self.cuts.get(i).copied().unwrap_or([0.0; 2])
     }
-    p.usage.field_angles_deg = angles.iter().map(|(deg, _)| (deg * 1e9).round() / 1e9).collect();
-    p.usage.vignetting = angles.into_iter().map(|(_, cut)| cut).collect();
-    let what = match kind {
-        FieldKind::Angle => "fields beside the y axis are those of the same angle to the axis",
-        FieldKind::ObjectHeight => {
-            "fields given as heights of the object are those of the angles at which the entrance pupil sees them"
+
+    /// Sets angles in y, which must be known before surfaces are placed; whether these are all. Where surfaces stand beside the axis (`is_moved`) those in x are left out, with a note.
+    pub fn set_angles(&self, p: &mut Prescription, is_moved: bool) -> bool {
+        let is_beside = self.places.iter().any(|[x, _]| *x != 0.0);
+        if self.kind != FieldKind::Angle || (is_beside && !is_moved) {
+            return false;
         }
-        FieldKind::ParaxialHeight => "fields given as paraxial heights of the image are those of the angles that have them",
-        FieldKind::RealHeight => "fields given as heights of the image are those of the angles whose chief rays have them",
-    };
-    p.notes.push(what.into());
-    Ok(())
+        if is_beside {
+            p.notes.push("fields in x are not taken over, only those in y".into());
+        }
+        p.usage.field_angles_deg = self.places.iter().map(|[_, y]| *y).collect();
+        p.usage.vignetting = (0..self.places.len()).map(|i| self.cut(i)).collect();
+        true
+    }
+
+    /// Sets the angles of other fields of a lens whose surfaces have their places, with a note. A round lens is the same in each direction; of another one nothing is set.
+    pub fn set_others(&self, p: &mut Prescription) {
+        let note = match self.angles(p) {
+            Ok(angles) => {
+                (p.usage.field_angles_deg, p.usage.vignetting) = angles.into_iter().unzip();
+                match self.kind {
+                    FieldKind::Angle => "fields beside the y axis are those of the same angle to the axis".into(),
+                    FieldKind::ObjectHeight => {
+                        "fields given as heights of the object are those of the angles at which the entrance pupil sees them"
+                            .into()
+                    }
+                    FieldKind::ParaxialHeight => {
+                        "fields given as paraxial heights of the image are those of the angles that have them".into()
+                    }
+                    FieldKind::RealHeight => {
+                        "fields given as heights of the image are those of the angles whose chief rays have them".into()
+                    }
+                }
+            }
+            Err(why) => format!("fields that are not angles in y are not taken over: {why}"),
+        };
+        p.notes.push(note);
+    }
+
+    /// Angles, degrees, and vignetting factors, which are known of fields in y alone. Fails with what stands in the way.
+    fn angles(&self, p: &Prescription) -> Result<Vec<(f64, [f64; 2])>, &'static str> {
+        let angle = angles_of(p, self.kind)?;
+        let one = |(i, [x, y]): (usize, &[f64; 2])| {
+            let deg = match self.kind {
+                FieldKind::Angle => x.to_radians().tan().hypot(y.to_radians().tan()).atan().to_degrees(),
+                _ => angle(x.hypot(*y)).ok_or("they lie beyond what the lens images")?,
+            };
+            let [above, below] = if *x == 0.0 { self.cut(i) } else { [0.0; 2] };
+            // Light from above the axis comes down.
+            let is_turned = (self.kind == FieldKind::ObjectHeight) != (*y < 0.0);
+            Ok(((deg * 1e9).round() / 1e9, if is_turned { [below, above] } else { [above, below] }))
+        };
+        self.places.iter().enumerate().map(one).collect()
+    }
 }
 
 /// The angle (degrees) of a height.

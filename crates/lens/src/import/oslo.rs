@@ -26,7 +26,7 @@
 //! | ASP of other kinds, GC, RCO n, gradients, gratings, diffractive surfaces, LMO, special apertures | error |
 //! | all others | skipped, named in a note |
 
-use super::fields::{self, FieldKind};
+use super::fields::{FieldKind, Fields};
 use super::layout::{ahead, lay_out};
 use super::placed::Placed;
 use super::{Skipped, drop_dummies, other_pressure, other_temperature, stem};
@@ -321,10 +321,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         drop_dummies(&mut p, &rims);
     }
     if let Some((kind, most)) = field_height {
-        let places = [0.0, 0.7, 1.0].map(|fraction| [0.0, fraction * most * scale]);
-        if let Err(why) = fields::set(&mut p, kind, if most > 0.0 { &places } else { &places[..1] }, &[]) {
-            p.notes.push(format!("fields given as heights are not taken over: {why}"));
-        }
+        let heights: &[f64] = if most > 0.0 { &[0.0, 0.7 * most, most] } else { &[0.0] };
+        Fields::new(kind, [&[], heights], vec![], scale).set_others(&mut p);
     }
     p.clip_given_rims();
     p.checked(file)

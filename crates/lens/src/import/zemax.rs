@@ -31,7 +31,7 @@
 //! | all others | skipped, named in a note |
 
 use super::configurations::{Configurations, MOST as MOST_CONFIGURATIONS};
-use super::fields::{self, FieldKind};
+use super::fields::{FieldKind, Fields};
 use super::layout::{ahead, lay_out, moved_then_turned, turned_then_moved};
 use super::placed::Placed;
 use super::{Skipped, drop_dummies, other_pressure, other_temperature, stem};
@@ -450,26 +450,28 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         let used = |of: &[f64]| of.iter().rposition(|v| *v != 0.0).map_or(of.len().min(1), |last| last + 1);
         used(&fields).max(used(&fields_in_x))
     });
-    let figure = |of: &[f64], i: usize| of.get(i).copied().unwrap_or(0.0);
-    let given = fields.len().max(fields_in_x.len()).min(count);
-    let places: Vec<[f64; 2]> = (0..given).map(|i| [figure(&fields_in_x, i), figure(&fields, i)]).collect();
+    [&mut fields, &mut fields_in_x].into_iter().for_each(|of| of.truncate(count));
     // Places in the pupil are y′ = VDY + (1 − VCY) y: what that leaves out above and below.
+    let figure = |of: &[f64], i: usize| of.get(i).copied().unwrap_or(0.0);
     let cut = |i: usize| [-1.0, 1.0].map(|side| figure(&vignetting, i) + side * figure(&pupil_shift, i));
-    let cuts: Vec<[f64; 2]> = (0..given).map(cut).collect();
+    let kind = match field_kind {
+        0.0 => Some(FieldKind::Angle),
+        1.0 => Some(FieldKind::ObjectHeight),
+        2.0 => Some(FieldKind::ParaxialHeight),
+        3.0 => Some(FieldKind::RealHeight),
+        _ => None,
+    };
+    let cuts = (0..vignetting.len().max(pupil_shift.len())).map(cut).collect();
+    let fields = kind.map(|kind| Fields::new(kind, [&fields_in_x, &fields], cuts, scale));
+    if fields.is_none() {
+        notes.push(format!("fields of the kind {field_kind} (FTYP) are not taken over"));
+    }
     // Where each surface stands, through the coordinate breaks.
     let mut rows: Vec<Placed> = vec![];
     let mut here = DAffine3::IDENTITY;
     let mut rims = vec![];
     let breaks = blocks[1..last].iter().any(Block::is_break);
-    // Angles in y are known before the surfaces are placed, and told where these stand.
-    let are_plain = field_kind == 0.0 && (breaks || places.iter().all(|[x, _]| *x == 0.0));
-    if are_plain {
-        if places.iter().any(|[x, _]| *x != 0.0) {
-            notes.push("fields in x are not taken over, only those in y".into());
-        }
-        p.usage.field_angles_deg = places.iter().map(|[_, y]| *y).collect();
-        p.usage.vignetting = cuts.clone();
-    }
+    let others = fields.filter(|fields| !fields.set_angles(&mut p, breaks));
     for (i, b) in blocks[1..last].iter().enumerate() {
         let wrong = |what: String| PrescriptionError::at(file, b.line, what).surface(i + 1);
         if b.infinite {
@@ -545,23 +547,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     if !breaks {
         drop_dummies(&mut p, &rims);
     }
-    if !are_plain {
-        let kind = match field_kind {
-            0.0 => Some(FieldKind::Angle),
-            1.0 => Some(FieldKind::ObjectHeight),
-            2.0 => Some(FieldKind::ParaxialHeight),
-            3.0 => Some(FieldKind::RealHeight),
-            _ => None,
-        };
-        let unit = if field_kind == 0.0 { 1.0 } else { scale };
-        let places: Vec<[f64; 2]> = places.iter().map(|place| place.map(|v| v * unit)).collect();
-        let taken = match kind {
-            Some(kind) => fields::set(&mut p, kind, &places, &cuts),
-            None => Err("their kind is not read"),
-        };
-        if let Err(why) = taken {
-            p.notes.push(format!("fields that are not angles in y are not taken over: {why}"));
-        }
+    if let Some(fields) = others {
+        fields.set_others(&mut p);
     }
     p.clip_given_rims();
     if let Some(ApertureKind::FNumber(n)) = p.usage.aperture.filter(|_| is_working) {
