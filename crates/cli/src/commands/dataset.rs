@@ -63,8 +63,7 @@ fn make(spec: &Path, folder: &Path, json: bool) -> anyhow::Result<()> {
     }
     let gathered = Folder::open(dataset.clone(), folder)?;
     let missing = gathered.missing().len() as u64;
-    // Its last files are there, too: what was made item by item is packed now.
-    let was_whole = missing == 0 && ["SHA256SUMS", "card.json"].iter().all(|name| folder.join(name).is_file());
+    let was_whole = gathered.is_whole();
     if missing < dataset.items() {
         say(&format!("{} of {} items are there", dataset.items() - missing, dataset.items()));
     }

@@ -184,6 +184,11 @@ impl Folder {
         self.shards.iter().flat_map(|s| self.missing_of(s, &all)).collect()
     }
 
+    /// Whether nothing is left to do: all items are there, and what is written last.
+    pub fn is_whole(&self) -> bool {
+        self.missing().is_empty() && [SUMS, CARD].iter().all(|name| self.path.join(name).is_file())
+    }
+
     /// Keeps an item that was made, by this process or another. `archive`: its files as [`Dataset::make_item`] gives them. Fails on a number beyond the last item, and
     /// where the file cannot be written.
     pub fn keep(&self, item: u64, archive: &[u8]) -> Result<(), ShotError> {
